@@ -113,7 +113,8 @@ def _pieces(link: Divisible, kinks: bool) -> tuple[Piece, ...]:
 def pieces(link: Divisible, n: int, option: str) -> tuple[Piece, ...]:
     """Return the pieces of a link; if there are more pieces than n cells, only jumps divide the link.
 
-    option: name of the user's option for n. Raises ValueError, which names the option, if n is too small for the jumps.
+    option: name of the option that sets n, for messages. Raises ValueError, which names the option, if n is too small
+    for the jumps.
     """
     # a cell cannot span a jump
     least = len(link.jumps) + 1

@@ -156,8 +156,8 @@ class Joint:
     `JointTorque` or an action act on the motor. An elastic gear needs a positive rotor inertia unless a motion
     prescribes the motor's angle.
 
-    The rotor's kinetic energy is 1/2 motor_inertia (gear_ratio rate)^2 with the motor's rate. In space the rotor's
-    angular momentum causes a gyroscopic moment when the rotor's axis turns.
+    The rotor's kinetic energy is 1/2 motor_inertia (gear_ratio rate)^2, where rate is the motor's rate on the output
+    side. In space the rotor's angular momentum causes a gyroscopic moment when the rotor's axis turns.
     """
 
     stiffness: float = value(
@@ -233,11 +233,11 @@ class Arm:
     In space the rotation matrix of link 0's root is M exp(angle [axis]x), with M = `hub_mount` and the cross-product
     matrix [axis]x of `hub_axis`.
 
-    The damping time `tau_d` of a link gives the stress D (strain + tau_d strain rate) with the elastic stiffness D, and
-    thus the damping ratio zeta_k = tau_d omega_k / 2 of mode k with the natural frequency omega_k. `mass_damping` is a
-    damping force per mass and velocity. The velocity of link, elbow mass and payload is measured relative to the link's
-    floating frame (Meek & Liu 1995, eq. [65]). The mass damping adds mass_damping / (2 omega_k) to zeta_k and requires
-    one frame per link: the formulation "floating_frame" with segments=1 or with only modes.
+    With the damping time `tau_d` of a link the stress is D (strain + tau_d strain rate), where D is the elastic
+    stiffness. Mode k with the natural frequency omega_k then has the damping ratio zeta_k = tau_d omega_k / 2.
+    `mass_damping` is a damping force per mass and velocity. The velocity of link, elbow mass and payload is measured
+    relative to the link's floating frame (Meek & Liu 1995, eq. [65]). The mass damping adds mass_damping / (2 omega_k)
+    to zeta_k and requires one frame per link: the formulation "floating_frame" with segments=1 or with only modes.
 
     Args:
         name: name of the arm, a short word.

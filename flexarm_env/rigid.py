@@ -289,8 +289,8 @@ def link_inertia(arm: Arm) -> ComplexOrReal:
 
     M refers to the links' absolute angles alpha: M_jk = Re(C_jk exp(-i (alpha_j - alpha_k))). The position of a body is
     sum_j a_j exp(i alpha_j), with a sum over the links up to the body. A body of mass m adds m conj(a_j) a_k to C_jk.
-    It also adds its moment of inertia to the diagonal entry of its link. C is real if all bodies lie on straight lines
-    from joint to joint.
+    The body also adds its moment of inertia to the diagonal entry of its link. C is real if all bodies lie on straight
+    lines from joint to joint.
     """
     ends = _link_ends(arm)
     total = np.zeros((arm.n_links, arm.n_links), ends.dtype)
@@ -376,7 +376,8 @@ def centre_shift(arm: Arm) -> float:
     """Return the largest possible distance, m, of the hub from the center of mass of arm and base; 0 without a base.
 
     If the base floats freely, the center of mass does not move. The hub's distance from the center of mass is at most
-    the returned distance; the tip's distance is at most the arm's length minus the returned distance.
+    the returned distance. The tip's distance from the center of mass is at most the arm's length minus the returned
+    distance.
     """
     if arm.base is None:
         return 0.0

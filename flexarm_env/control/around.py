@@ -62,7 +62,7 @@ class Inside:
     def read(cls, table: Any) -> Inside:
         """Create the description from the entry `around` in a policy's file.
 
-        A ValueError names the field, its value and the rule.
+        Raises ValueError with a message that names the field, its value and the rule.
         """
         with check.under("around"):
             entry = check.table_of("", table)

@@ -140,7 +140,7 @@ class Limits:
         return np.asarray(np.maximum(np.maximum(g - self.high, self.low - g), 0.0).max(axis=(0, 2)))
 
     def update(self, x: Array) -> None:
-        """Set the multipliers for the next round from trajectories x (T + 1, n, S)."""
+        """Update the multipliers of the augmented Lagrangian from trajectories x (T + 1, n, S)."""
         self.above, self.below = self._active(self._values(x), slice(None))
 
 

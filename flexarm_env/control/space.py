@@ -38,8 +38,8 @@ def held_model(
 ) -> tuple[LinearModel, Array, Array]:
     """Linearize the flexible arm about rest at joint angles (N,), rad, with free joints and without backlash.
 
-    Returns the model, the matrix (N, S) from its states to joint angles, and a state matrix A. A applies if the joint
-    torques compensate the rigid arm's gravity torques at the present angles.
+    Returns the model, the matrix (N, S) from its states to joint angles, and the state matrix of an arm with gravity
+    compensation. This arm's joint torques compensate the rigid arm's gravity torques at the present angles.
     """
     # x' = A x + B u about the rest, and rows of the joint angles
     free = linearize(rest(arm.taut, gravity, angles), gauges=list(gauges))

@@ -19,7 +19,7 @@ class Part(NamedTuple):
 
     read, write: indices of the arms' rows in input arrays and in output arrays.
     periods: the `Periods` object that advances the arms.
-    places: indices of the entries of these arms' states in a complete state.
+    places: positions of these arms' state entries in a complete state.
     """
 
     read: Any

@@ -124,7 +124,7 @@ def _laws(model: Any) -> list[tuple[int, str, float]]:
 
 
 def laws_of(model: Any, names: tuple[str, ...]) -> tuple[list[int], list[float]]:
-    """Return the indices, in a state, of the parameters of gears, rotors and friction, and their values.
+    """Return indices in a state, and values, of the parameters of gears, rotors and friction.
 
     names: names of the state's entries.
     """

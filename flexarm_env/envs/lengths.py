@@ -116,7 +116,7 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         """Start episodes of all arms, or of the arms in options["reset_mask"]; arm i has the seed seed + i or seed[i].
 
         Raises:
-            ValueError: an argument is invalid; no episode has then started.
+            ValueError: an argument is invalid; in this case no episode starts.
         """
         seeds = checked_seeds(seed, self.num_envs)
         chosen, rest = checked_mask(options, self.num_envs)

@@ -9,9 +9,9 @@ of 100 control periods in steps of h and of h/2, with bang-bang torques that are
     e_1  the error of small motions due to step and mesh (`resolution`).
 
 The factor d / d_1 measures the amplification of errors, and the error of the trial is max(d, e_1 d / d_1). If the
-factor exceeds `GROWN`, settings must also satisfy a second condition: the tip's distance from episodes on the next
-finer mesh in steps of h/2 must be small. If a PD loop sustains a vibration ("chatters"), the trial's error is this
-distance to the finer mesh.
+factor exceeds `GROWN`, settings must also satisfy a second condition: on the next finer mesh in steps of h/2, the tips
+must have nearly the same positions. If a PD loop sustains a vibration ("chatters"), the trial's error is the distance
+between the tips on the two meshes.
 
 With random factors (keyword `randomization`), two more arms run the same episodes as the nominal arm: the softest arm
 with the heaviest payload and the strongest torques, and the stiffest arm with the lightest payload.
@@ -289,9 +289,9 @@ def settled(
 ) -> tuple[Settings, float]:  # fmt: skip
     """Halve the step until episodes agree with episodes on a finer mesh in half the step; return settings and distance.
 
-    The distance is the largest one between the tips of the two episodes, divided by the arm's length. The search ends
-    if it is at most `TRIED`, or if the step would be shorter than `least`, s. finer: settings with the finer mesh. at:
-    function of (settings, step, s), see `refined`. length: length of the arm, m.
+    The distance is the largest distance between the tips in the two episodes, divided by the arm's length. The search
+    ends if this distance is at most `TRIED`, or if the step would be shorter than `least`, s. finer: settings with the
+    finer mesh. at: function of (settings, step, s), see `refined`. length: length of the arm, m.
     """
     best, chosen = settings, math.inf
     while True:

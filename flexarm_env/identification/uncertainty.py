@@ -1,8 +1,8 @@
 """Uncertainty of a fit: confidence intervals, unidentifiable parameters, and identifiable combinations of parameters.
 
-Modeling errors and sensor filters correlate the residuals of successive samples. The parameters' covariance is
-therefore computed by the sandwich formula (J'J)^-1 S (J'J)^-1, where J is the derivative of the residuals by the
-parameters. S is the heteroskedasticity- and autocorrelation-consistent estimate of Newey & West (1987), with the
+Because of modeling errors and sensor filters, residuals of successive samples are correlated. The parameters'
+covariance is therefore computed by the sandwich formula (J'J)^-1 S (J'J)^-1, where J is the derivative of the residuals
+by the parameters. S is the heteroskedasticity- and autocorrelation-consistent estimate of Newey & West (1987), with the
 bandwidth of Andrews (1991). The intervals use quantiles of Student's t distribution. For n samples the distribution has
 1.5 n / b degrees of freedom, where b is the bandwidth of Bartlett's kernel (Kiefer & Vogelsang 2005). The covariance is
 never smaller than the covariance for independent residuals.

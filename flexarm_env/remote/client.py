@@ -335,7 +335,7 @@ class RemoteArmEnv(gym.Env[Array32, Array32]):
 
 
 class Played:
-    """Policy that applies torques from a CSV file, one row per control period, and after the last row zero torque.
+    """Policy that applies one row of torques from a CSV file per control period, and zero torque after the last row.
 
     Args:
         path: CSV file with the columns t (s, evenly spaced) and torque0, ... (N m). period: control period of the

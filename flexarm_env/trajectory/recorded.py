@@ -150,7 +150,7 @@ class Trajectory:
         return self.gross_work + float(self.kinetic[0] + self.strain_energy[0] + np.ptp(self.gravity))
 
     def strain(self, link: int, place: float, distance: float | None = None) -> Array:
-        """Return a link's bending strain at one place over time, (n,): curvature times distance from the neutral axis.
+        """Return a link's bending strain over time, (n,): the curvature at `place` times the distance from the neutral axis.
 
         Args:
             link: index of the link, from 0. place: position along the link, from 0 (root) to 1 (tip).
@@ -173,7 +173,7 @@ class Trajectory:
     # --- to be looked at ---------------------------------------------------------------------------
     @classmethod
     def read(cls, simulation: Any, fields: Mapping[str, Array], shapes: Array) -> dict[str, Any]:
-        """Return the attributes whose form differs in plane and space, from the arrays of `Simulation.record`."""
+        """Return the attributes that differ between plane and space, from the arrays of `Simulation.record`."""
         poses, links = fields["poses"], simulation.scene.arm.links
         lengths = np.array([link.span for link in links])
         bows = np.array([link.far.imag for link in links])
