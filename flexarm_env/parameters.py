@@ -380,7 +380,7 @@ class Arm:
         return self.joints[k] if self.joints else Joint()
 
     def elbow(self, joint: int) -> Elbow:
-        """Return the elbow at joint 1 ... N-1, or a massless elbow if the arm defines no elbows."""
+        """Return the elbow at a joint from 1 to N-1, or a massless elbow if the arm defines no elbows."""
         if not 1 <= joint < self.n_links:
             raise check.InvalidValue("joint", joint, f"must be from 1 to {self.n_links - 1} for this arm")
         return self.elbows[joint - 1] if self.elbows else Elbow()

@@ -376,7 +376,7 @@ def to_minari(episodes: Sequence[Episode], dataset_id: str, env_id: str | None =
 
     Args:
         episodes: episodes of one environment. dataset_id: for example "flexarm/slew/pd-v0". env_id: as in `replay`.
-        about: keywords of `minari.create_dataset_from_buffers`: algorithm_name, author, description, ...
+        about: keywords of `minari.create_dataset_from_buffers`, for example algorithm_name and author.
     Returns:
         The `minari.MinariDataset`, in which interrupted episodes are marked as truncated.
     Raises:

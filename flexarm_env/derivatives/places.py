@@ -45,7 +45,7 @@ def places_of(
     stride: distance between two elements of the block.
     layout: offsets of the block's sections.
     parameters: True if the state contains parameters as variable entries.
-    kept: True to include accelerations and torques even if each period computes accelerations at its start.
+    kept: True to include accelerations and torques although each period recomputes the accelerations.
     """
     task, extras = batch.task, batch.extras
     rows, links = int(size(model.n)), len(task.links)

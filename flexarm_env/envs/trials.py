@@ -67,10 +67,10 @@ class Rule(Protocol):
     """Interface of `judge.Judge`: error estimates from small motions."""
 
     def small(self, settings: Settings, h: float) -> float:
-        """Return e_1, the error of small motions with these settings in steps of h, s, divided by L."""
+        """Return e_1, the error of small motions with these settings and the time step h, s, divided by L."""
 
     def halved(self, settings: Settings, h: float) -> float:
-        """Return the largest distance between the tips of small motions in steps of h (s) and of h/2, divided by L."""
+        """Return the largest distance between the tips of small motions with time steps h, s, and h/2, divided by L."""
 
 
 KEPT = 16
@@ -181,7 +181,7 @@ def trials_of(
 
 
 def corners(drawn: Mapping[str, tuple[float, float]]) -> list[dict[str, float]]:
-    """Return the factors of the softest and the stiffest randomized arm; [] if they are the nominal arm.
+    """Return the factors of the softest and the stiffest randomized arm; [] if both are the nominal arm.
 
     drawn: ranges (low, high) of random factors by name (`starts.FACTORS`).
     """

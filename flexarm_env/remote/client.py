@@ -338,7 +338,8 @@ class Played:
     """Policy that applies one row of torques from a CSV file per control period, and zero torque after the last row.
 
     Args:
-        path: CSV file with the columns t (s, evenly spaced) and torque0, ... (N m). period: control period of the
+        path: CSV file with evenly spaced times, s, in column t and torques, N m, in the columns torque0, torque1 and so
+            on. period: control period of the
             arm, s. limits (N,): torque limits of the arm, N m.
     Attributes:
         seconds: duration of the file, s.

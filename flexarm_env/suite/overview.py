@@ -64,7 +64,7 @@ def overview(
 
 
 def finding(known: Sequence[Task], rows: Mapping[str, Sequence[Line]]) -> str:
-    """Format the finding: number of tasks on which trained policies are best, range of best scores, hardest task."""
+    """Format the result: number of tasks on which trained policies are best, range of best scores, hardest task."""
     first = [line for task in known if (line := _best(task, rows[task.id])) is not None]
     scores = [_score(line) for line in first]
     if not scores or not np.all(np.isfinite(scores)):

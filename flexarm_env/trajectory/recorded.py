@@ -150,7 +150,7 @@ class Trajectory:
         return self.gross_work + float(self.kinetic[0] + self.strain_energy[0] + np.ptp(self.gravity))
 
     def strain(self, link: int, place: float, distance: float | None = None) -> Array:
-        """Return a link's bending strain over time, (n,): the curvature at `place` times the distance from the neutral axis.
+        """Return a link's bending strain (n,) at `place`: curvature times distance from the neutral axis.
 
         Args:
             link: index of the link, from 0. place: position along the link, from 0 (root) to 1 (tip).
@@ -228,8 +228,8 @@ class Trajectory:
                 sensors if the arm has none.
             seed: seed of the sensors' noise, gains and biases.
         Returns:
-            Arrays (n,) by name of the reading, in SI units: `hub_angle`, `hub_rate`, `elbow_angle`, ... (rad, rad/s),
-            `tip_acceleration_x`, `_y` (m/s^2), `camera_x`, `_y` (m), `strain_gauge_1`, ... (1/m, or strain).
+            Arrays (n,) by name of the reading, for example `hub_angle` (rad), `hub_rate` (rad/s), `tip_acceleration_x`
+            (m/s^2), `camera_x` (m) and `strain_gauge_1` (1/m, or strain).
         Raises:
             ValueError: there are fewer than two samples, the samples are not evenly spaced, or arrays are inconsistent.
         """
