@@ -93,7 +93,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
     heads = "training arm | success on the true arm | settling time, s | residual vibration, mm"
     return {
         "fit": table("parameter | before the fit | fitted | true", fitted),
-        "ranges": [f"The fit gives the ranges {ranges} for `randomization`."],
+        "ranges": [f"The fit gives these ranges of factors for the option `randomization`: {ranges}."],
         "policies": table(heads, judged),
     }
 

@@ -146,15 +146,19 @@ def blocks(found: pages.Found) -> pages.Blocks:
     single = ", ".join(f"{f:.2f} Hz ({z:.3f})" for f, z in found["oscillators"])
     return {
         "fit": table("parameter | initial | fitted | 95 % interval | determined by the log", rows),
-        "condition": [f"The matrix of the fit's derivatives has condition number {found['condition']:.3g}.", *blind],
+        "condition": [
+            f"The Jacobian of the residuals by the parameters has the condition number {found['condition']:.3g}.",
+            *blind,
+        ],
         "prediction": table("run | use | fitted | vendor | baseline | NRMSE", judged),
         "variants": table("fitted parameters | first 24 s | rest | `ladder_hinf_jun`", variants),
         "frequencies": [
             f"With both motors held, the fitted arm has these natural frequencies (with damping ratios): {own}. "
             "While the joints of "
-            f"the robot rest, the measured frequency is {seen['frequency']:.2f} Hz (ratio {seen['damping']:.3f}), the "
-            f"median of {seen['count']} intervals, which range from {seen['least']:.2f} to {seen['most']:.2f} Hz. The "
-            f"oscillators of the baseline have these frequencies (with damping ratios): {single}."
+            f"the robot rest, the measured frequency is {seen['frequency']:.2f} Hz (ratio {seen['damping']:.3f}). "
+            f"This frequency is the median of {seen['count']} intervals, with values from {seen['least']:.2f} to "
+            f"{seen['most']:.2f} Hz. The oscillators of the baseline have these frequencies "
+            f"(with damping ratios): {single}."
         ],
     }  # fmt: skip
 

@@ -240,11 +240,12 @@ def blocks(found: pages.Found) -> pages.Blocks:
     return {
         "intervals": table_of(rows, TOLD),
         "untold": [f"The report names exactly these three parameters in {right} of {len(rows)} cases. "
-                   f"In {rash} cases it names a parameter that the log determines."],
+                   f"In {rash} cases the report names a parameter that the log determines."],
         "torques": [
             *table_of(torques, OF_HUB), "",
-            f"The report suspected a column of the log or the clock in {suspect} of {len(torques)} cases. The fit "
-            f"halved the step {np.mean([row['refinements']['step'] for row in torques]):.1f} times on average.",
+            f"In {suspect} of {len(torques)} cases the report suspected an error of a log column or of the clock. "
+            "The fit halved the time step "
+            f"{np.mean([row['refinements']['step'] for row in torques]):.1f} times on average.",
         ],
         "space": [
             *table_of(space, IN_SPACE), "",

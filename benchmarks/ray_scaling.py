@@ -239,9 +239,9 @@ def _cost(found: dict[str, Row], bare_us: float) -> list[str]:
         f"In one process on one core a step takes {without:.0f} µs without RLlib and {alone:.0f} µs with it: RLlib",
         f"takes {1.0 - without / alone:.0%} of the time. Compared with the plain loop, Ray and RLlib take",
         f"{share[0]:.0%} of an iteration with one runner and {share[1]:.0%} with two. To collect the",
-        f"same samples, RLlib's own runner takes {times[0]:.1f} times as long as the native runner with one runner,",
-        f"and {times[1]:.1f} times as long with two. Without Ray, policy and learning, a step of the environments",
-        f"takes {bare_us:.2f} µs.",
+        f"same samples, one RLlib runner takes {times[0]:.1f} times as long as one native runner, and two",
+        f"RLlib runners take {times[1]:.1f} times as long as two native runners. Without Ray, policy and learning,",
+        f"a step of the environments takes {bare_us:.2f} µs.",
     ]
 
 

@@ -1,15 +1,15 @@
 """Division of a link into cells (elements, segments, node intervals) that end at jumps and kinks of its section.
 
-A "piece" of a link is the part between two neighboring positions at which its section jumps or kinks, or its curvature
-jumps. The cells of a link with one piece have equal length. Otherwise cells end at the ends of pieces, and the number
-of cells per length is proportional to the density
+A "piece" of a link is a part between two neighboring positions of jumps or kinks. At these positions the link's section
+jumps or kinks, or its curvature jumps. The cells of a link with one piece have equal length. Otherwise cells end at the
+ends of pieces, and the number of cells per length is proportional to the density
 
     d(s) = EI(s)^(-1/2) / int EI^(-1/2) ds + KINKED |d ln EI / ds|                  (1/m)
 
-The first term, whose integral along the link is 1, makes cells shorter where the link is softer. Equal bending angles
-M l / EI of the cells would require lengths l ~ EI; equal resolution of bending waves would require l ~ EI^(1/4). The
-power 1/2 is a compromise. The second term adds cells where the stiffness changes by a large factor, because the
-polynomial of a cell does not represent the curvature M / EI there.
+The first term, whose integral along the link is 1, makes cells shorter where the link is softer. Cells of length l have
+equal bending angles M l / EI if l ~ EI, and equal resolution of bending waves if l ~ EI^(1/4). The power 1/2 of the
+density is a compromise between the powers 1 and 1/4. The second term adds cells where the stiffness changes by a large
+factor, because the polynomial of a cell does not represent the curvature M / EI there.
 """
 
 from __future__ import annotations
@@ -113,7 +113,8 @@ def _pieces(link: Divisible, kinks: bool) -> tuple[Piece, ...]:
 def pieces(link: Divisible, n: int, option: str) -> tuple[Piece, ...]:
     """Return the pieces of a link; if there are more pieces than n cells, only jumps divide the link.
 
-    option: name of the user's option for n. Raises ValueError, which names the option, if n is too small for the jumps.
+    option: name of the option that sets n, for messages. Raises ValueError, which names the option, if n is too small
+    for the jumps.
     """
     # a cell cannot span a jump
     least = len(link.jumps) + 1
@@ -149,7 +150,7 @@ def ends(link: Divisible, n: int, option: str) -> Array:
 
 
 def cells_like(link: Divisible, n: int) -> int:
-    """Return the number of cells that resolve a link with jumps and kinks as well as n cells a uniform link."""
+    """Return the number of cells that resolve a link with jumps and kinks as well as n cells resolve a uniform link."""
     if len(link.breaks) == 2:
         return n
     return sum(max(1, int(np.ceil(n * piece.weight - 1e-9))) for piece in _pieces(link, True))
@@ -166,8 +167,8 @@ def middles(link: Divisible, n: int) -> list[float]:
 def divides(fine: Divisible, m: int, link: Divisible, n: int) -> bool:
     """Return whether m cells divide `fine` at least as finely as n cells divide `link`.
 
-    fine: the same link with additional points, so that its pieces are the halves of the pieces of `link`. Each of its
-    pieces must have at least as many cells as the piece of `link` that contains it.
+    fine: the same link with additional points, so that its pieces are the halves of the pieces of `link`. Each piece of
+    `fine` must have at least as many cells as the piece of `link` that contains this piece.
     """
     found, halves = (_pieces(one, k >= len(one.breaks) - 1) for one, k in ((link, n), (fine, m)))
     whole, own = counts(found, n), counts(halves, m)

@@ -106,7 +106,7 @@ class Payload:
 @described
 @dataclass(frozen=True)
 class Motor:
-    """Electric motor: torque = torque_constant i and voltage = resistance i + back_emf rate, with the current i, A.
+    """Electric motor with the current i, A: torque = torque_constant i, voltage = resistance i + back_emf rate.
 
     Torque (N m) and rate (rad/s) are those of the motor's shaft, on the input side of the gear.
     """
@@ -151,13 +151,13 @@ class Joint:
     Angles, rates and torques refer to the gear's output side: the motor's angle and rate are divided by the gear ratio,
     and its torque is multiplied by the ratio. Angles of joint and motor are measured relative to the previous link.
 
-    An elastic gear is a spring and a damper between motor and link. It adds the motor's angle ("motor0", ...) to the
-    coordinates of the arm, beside the joint's angle ("joint0", ...), which is the angle of the link's root. Torques
-    from a `JointTorque` or an action act on the motor. An elastic gear needs a positive rotor inertia unless a motion
+    An elastic gear is a spring and a damper between motor and link. An elastic gear adds the motor's angle ("motor0",
+    ...) to the arm's coordinates. The joint's angle ("joint0", ...) is the angle of the link's root. Torques from a
+    `JointTorque` or an action act on the motor. An elastic gear needs a positive rotor inertia unless a motion
     prescribes the motor's angle.
 
-    The rotor's kinetic energy is 1/2 motor_inertia (gear_ratio rate)^2 with the motor's rate. In space the rotor's
-    angular momentum causes a gyroscopic moment when the rotor's axis turns.
+    The rotor's kinetic energy is 1/2 motor_inertia (gear_ratio rate)^2, where rate is the motor's rate on the output
+    side. In space the rotor's angular momentum causes a gyroscopic moment when the rotor's axis turns.
     """
 
     stiffness: float = value(
@@ -233,11 +233,11 @@ class Arm:
     In space the rotation matrix of link 0's root is M exp(angle [axis]x), with M = `hub_mount` and the cross-product
     matrix [axis]x of `hub_axis`.
 
-    The damping time `tau_d` of a link gives the stress D (strain + tau_d strain rate) with the elastic stiffness D, and
-    thus the damping ratio zeta_k = tau_d omega_k / 2 of mode k with the natural frequency omega_k. `mass_damping` is a
-    force per mass on the velocity of link, elbow mass and payload relative to the link's floating frame (Meek & Liu
-    1995, eq. [65]). It adds mass_damping / (2 omega_k) to zeta_k. It requires one frame per link: the formulation
-    "floating_frame" with segments=1 or with only modes.
+    With the damping time `tau_d` of a link the stress is D (strain + tau_d strain rate), where D is the elastic
+    stiffness. Mode k with the natural frequency omega_k then has the damping ratio zeta_k = tau_d omega_k / 2.
+    `mass_damping` is a damping force per mass and velocity. The velocity of link, elbow mass and payload is measured
+    relative to the link's floating frame (Meek & Liu 1995, eq. [65]). The mass damping adds mass_damping / (2 omega_k)
+    to zeta_k and requires one frame per link: the formulation "floating_frame" with segments=1 or with only modes.
 
     Args:
         name: name of the arm, a short word.
@@ -318,8 +318,8 @@ class Arm:
         """Return a joint's angle (rad) or rate (rad/s) from a scene's `angles` or `rates`.
 
         `angles` and `rates` of a scene refer to links (absolute angles) in the plane, and to joints in space. values:
-        one of the two sequences. turn: angle from the tangent at the root of the previous link, if it is curved, to the
-        tangent at the joint, rad; 0 for rates.
+        one of the two sequences. turn: for a curved previous link, angle from the tangent at its root to the tangent at
+        the joint, rad; 0 for straight links and for rates.
         """
         return self.axes.joint(values, joint, turn)
 
@@ -372,7 +372,7 @@ class Arm:
 
     @property
     def taut(self) -> Arm:
-        """The arm without backlash, for linear models: a gear within its backlash has no stiffness."""
+        """The arm without backlash. Linear models use this arm, because a gear within its backlash has no stiffness."""
         return replace(self, joints=tuple(replace(joint, backlash=0.0) for joint in self.joints))
 
     def joint(self, k: int) -> Joint:
@@ -380,7 +380,7 @@ class Arm:
         return self.joints[k] if self.joints else Joint()
 
     def elbow(self, joint: int) -> Elbow:
-        """Return the elbow at joint 1 ... N-1, or a massless elbow if the arm defines no elbows."""
+        """Return the elbow at a joint from 1 to N-1, or a massless elbow if the arm defines no elbows."""
         if not 1 <= joint < self.n_links:
             raise check.InvalidValue("joint", joint, f"must be from 1 to {self.n_links - 1} for this arm")
         return self.elbows[joint - 1] if self.elbows else Elbow()

@@ -58,7 +58,7 @@ class Episode:
 
     Attributes:
         env_id, env_kwargs, max_episode_steps: arguments of `gymnasium.make`; max_episode_steps may be None.
-        seed: seed of the reset. If it is None, `generator` is the random generator's state before the reset.
+        seed: seed of the reset. If `seed` is None, `generator` is the random generator's state before the reset.
         options: options that were passed to `reset`, or None. observations (T + 1, O), actions (T, N): float32. rewards
             (T,): float64. terminations, truncations (T,): bool.
         infos: for each entry of `info`, by name, an array with T + 1 rows.
@@ -214,8 +214,8 @@ def replay(episode: Episode, env_id: str | None = None) -> Episode:
     With the version and processor of the recording, `replay(e).equals(e)` is true.
 
     Args:
-        env_id: the episode's `env_id`; required if it names another package, because importing a package executes code
-            and a file must not choose this code.
+        env_id: must equal the episode's `env_id`, and is required if this id names another package. Importing a package
+            executes code, and a file must not choose this code.
     Raises:
         ValueError: env_id is missing, the episode has no steps, or the replayed episode ends before the last action.
     """
@@ -376,7 +376,7 @@ def to_minari(episodes: Sequence[Episode], dataset_id: str, env_id: str | None =
 
     Args:
         episodes: episodes of one environment. dataset_id: for example "flexarm/slew/pd-v0". env_id: as in `replay`.
-        about: keywords of `minari.create_dataset_from_buffers`: algorithm_name, author, description, ...
+        about: keywords of `minari.create_dataset_from_buffers`, for example algorithm_name and author.
     Returns:
         The `minari.MinariDataset`, in which interrupted episodes are marked as truncated.
     Raises:

@@ -1,10 +1,10 @@
 """Rigid model of an arm, with rigid links in place of flexible ones: kinematics, inertia, gravity torques, time scales.
 
 Arguments named `angles` are joint angles (n, N), rad. The function `bodies` lists the arm's masses. Inertia, Coriolis
-torques and gravity torques are sums over these bodies. Positions in the plane are complex numbers x + i y. If a is the
-vector from joint k to joint k + 1 in the axes of link k's root, the link contributes a exp(i alpha_k) to the position
-of the tip; alpha_k is the absolute angle of the tangent at the root. In the plane the coefficients of inertia and
-gravity torques do not depend on the angles (`link_inertia`, `mass_moments`).
+torques and gravity torques are sums over these bodies. Positions in the plane are complex numbers x + i y. Let a be the
+vector from joint k to joint k + 1 in the axes of link k's root, and alpha_k the absolute angle of the tangent at this
+root. Link k contributes a exp(i alpha_k) to the tip's position. In the plane the coefficients of inertia and gravity
+torques do not depend on the angles (`link_inertia`, `mass_moments`).
 """
 
 import math
@@ -225,8 +225,8 @@ def rigid_inertia(arm: Arm, angles: Array) -> Array:
 def coriolis(arm: Arm, angles: Array, rates: Array) -> Array:
     """Return the Coriolis and centrifugal torques (n, N), N m, at joint angles, rad, and rates, rad/s, (n, N) each.
 
-    They are the joint torques without gravity, minus the product of inertia matrix and joint accelerations. Gyroscopic
-    moments of rotors are not included.
+    The returned torques are the joint torques without gravity, minus inertia matrix times joint accelerations.
+    Gyroscopic moments of rotors are not included.
     """
     return _recursions(arm)[1](arm, _joints("angles", arm, angles), rates)
 
@@ -287,9 +287,10 @@ def _joints(path: str, arm: Arm, angles: Array) -> Array:
 def link_inertia(arm: Arm) -> ComplexOrReal:
     """Return the constant matrix C (N, N), kg m^2, from which a planar arm's inertia matrix M is computed.
 
-    M refers to the links' absolute angles alpha: M_jk = Re(C_jk exp(-i (alpha_j - alpha_k))). A body of mass m at
-    sum_j a_j exp(i alpha_j), summed over the links up to the body, adds m conj(a_j) a_k to C_jk, and its moment of
-    inertia to the diagonal entry of its link. C is real if all bodies lie on straight lines from joint to joint.
+    M refers to the links' absolute angles alpha: M_jk = Re(C_jk exp(-i (alpha_j - alpha_k))). The position of a body is
+    sum_j a_j exp(i alpha_j), with a sum over the links up to the body. A body of mass m adds m conj(a_j) a_k to C_jk.
+    The body also adds its moment of inertia to the diagonal entry of its link. C is real if all bodies lie on straight
+    lines from joint to joint.
     """
     ends = _link_ends(arm)
     total = np.zeros((arm.n_links, arm.n_links), ends.dtype)
@@ -375,7 +376,8 @@ def centre_shift(arm: Arm) -> float:
     """Return the largest possible distance, m, of the hub from the center of mass of arm and base; 0 without a base.
 
     If the base floats freely, the center of mass does not move. The hub's distance from the center of mass is at most
-    the returned distance; the tip's distance is at most the arm's length minus the returned distance.
+    the returned distance. The tip's distance from the center of mass is at most the arm's length minus the returned
+    distance.
     """
     if arm.base is None:
         return 0.0
@@ -396,8 +398,8 @@ class TimeScales:
     """Time scales of an arm with torque limits.
 
     Attributes:
-        quarter_turns (N,): minimum time, s, in which each joint turns by 90 degrees from rest to rest, with its full
-            torque and with the straight, rigid arm beyond the joint. slew: the longest of these times, s.
+        quarter_turns (N,): for each joint, the shortest time, s, of a 90 degree turn from rest to rest with full
+            torque. The arm beyond the joint is straight and rigid. slew: the longest of these times, s.
         duration: suggested duration of an episode, s. control_dt: control period, s. gamma: suggested discount factor,
             for which the horizon control_dt / (1 - gamma) equals `slew`.
     """

@@ -27,8 +27,8 @@ class Inside:
     """Description of the controller in a policy that also contains a network.
 
     Args:
-        controller: name of the controller. share: factor on the network's actions: its largest torque divided by the
-            torque limit. gains: values of the controller's gains by name.
+        controller: name of the controller. share: factor on the network's actions, equal to the network's largest
+            torque divided by the torque limit. gains: values of the controller's gains by name.
     """
 
     controller: str
@@ -37,10 +37,11 @@ class Inside:
 
     @classmethod
     def of(cls, word: str, env: Any, share: float | None = None) -> Inside:
-        """Describe the controller that `word` names, with its gains for an environment.
+        """Return the description of a named controller with its gains for an environment.
 
-        word: "pd", or "pd@FILE" for gains from a file of `flexarm tune`. share: as in the class; None means
-        `base.RESIDUAL_SHARE`. Raises ValueError for an unknown word or file, or an invalid share.
+        word: name of the controller, such as "pd", or "pd@FILE" for gains from a file that `flexarm tune` wrote. share:
+        as in the class; None means `base.RESIDUAL_SHARE`. Raises ValueError for an unknown word or file, or an invalid
+        share.
         """
         name, at, file = word.partition("@")
         check.choice("around", name, NAMES)
@@ -61,7 +62,7 @@ class Inside:
     def read(cls, table: Any) -> Inside:
         """Create the description from the entry `around` in a policy's file.
 
-        A ValueError names the field, its value and the rule.
+        Raises ValueError with a message that names the field, its value and the rule.
         """
         with check.under("around"):
             entry = check.table_of("", table)

@@ -5,9 +5,9 @@ minimizes
 
     sum_k cost_k(x_k) + 1/2 sum_k weight . (u_k - still)^2   with x_k+1 = f(x_k, u_k) and |u_k| <= bound,
 
-with the first sum over k = 0 ... T and the second sum over k = 0 ... T - 1. Each iteration linearizes all stages of all
-arms together, solves the linear-quadratic problem with limited controls backward in time, and then evaluates several
-step lengths together. Limits of states are enforced by the augmented Lagrangian method (`Limits`).
+where k runs from 0 to T in the first sum and from 0 to T - 1 in the second sum. Each iteration linearizes all stages of
+all arms together, solves the linear-quadratic problem with limited controls backward in time, and then evaluates
+several step lengths together. Limits of states are enforced by the augmented Lagrangian method (`Limits`).
 """
 
 from collections.abc import Sequence
@@ -37,7 +37,7 @@ class System(Protocol):
 
 
 class Astray(ValueError):
-    """Raised if neither the initial guess nor the controls `still` lead to finite states.
+    """Error: both the initial guess and the controls `still` lead to states that are not finite.
 
     Attributes:
         arms (n,): mask of the arms without finite states.
@@ -140,7 +140,7 @@ class Limits:
         return np.asarray(np.maximum(np.maximum(g - self.high, self.low - g), 0.0).max(axis=(0, 2)))
 
     def update(self, x: Array) -> None:
-        """Set the multipliers for the next round from trajectories x (T + 1, n, S)."""
+        """Update the multipliers of the augmented Lagrangian from trajectories x (T + 1, n, S)."""
         self.above, self.below = self._active(self._values(x), slice(None))
 
 
@@ -184,7 +184,7 @@ def followed(system: System, x: Array, plan: Solution, bound: float = 1.0) -> tu
 
 
 def total(costs: Sequence[Cost], effort: Array, states: Array, controls: Array, still: Array | float = 0.0) -> Array:
-    """Return the total costs (n,) of trajectories, as in the description of the module; inf if not finite.
+    """Return the total costs (n,) of trajectories, as defined at the top of this module; inf if not finite.
 
     effort (N,): weights of (controls - still)^2.
     """
@@ -204,8 +204,8 @@ def solve(
     Args:
         x: initial states (n, S). guess: controls (T, n, N), or a `Solution`; if its initial states differ from x, its
             feedback law is simulated from x. effort (N,): positive weights of the controls.
-        iterations: largest number of iterations. tolerance: the iteration stops when it reduces each arm's cost by at
-            most this fraction.
+        iterations: largest number of iterations. tolerance: the solver stops after an iteration that reduces the cost
+            of each arm by at most this fraction.
         bound: largest magnitude of the controls. still (n, N): controls without cost.
     Raises:
         Astray: neither the initial guess nor `still` leads to finite states.
@@ -260,8 +260,8 @@ def backward(
     """Solve the linear-quadratic problem about a trajectory; return k (T, n, N) and K (T, n, N, S) of du = k + K dx.
 
     states (T + 1, n, S), controls (T, n, N): the trajectory. effort (N,): weights of (u - still)^2, with the controls
-    u. damping (n,): number that is added to the diagonal of the cost-to-go's Hessian by the controls. controls + k is
-    within +-bound.
+    u. damping (n,): number added to the diagonal of the cost-to-go's second derivatives by the controls. bound: limit
+    of |controls + k|.
     """
     periods, _, count = controls.shape
     A, B = system.linear(states[:-1], controls)

@@ -1,9 +1,10 @@
 """Model-predictive control of contact force and path (task "press"), with torque limits.
 
-The model is that of `lqr_force.LQRForce`: the arm about rest on the wall, whose stiffness acts between tip and wall,
-and the integrals of force error and path error. In each period the controller minimizes the regulator's cost over all
-torques of the next periods that stay within the motors' limits (Mayne et al. 2000). With torques u = -K x + c the cost
-is the regulator's cost plus the sum of c' W c. If the regulator's torques stay within the limits, c = 0.
+The model is that of `lqr_force.LQRForce`: the arm linearized at rest on the wall, with the wall's stiffness at the tip,
+and with the integrals of force error and path error as additional states. In each period the controller minimizes the
+regulator's cost over the torques of the next periods, subject to the motors' limits (Mayne et al. 2000). With torques u
+= -K x + c the cost is the regulator's cost plus the sum of c' W c. If the regulator's torques stay within the limits, c
+= 0.
 
 If the measured force is below `LOST` times the commanded force, the tip counts as off the wall. The controller then
 applies the state feedback of an arm in free motion towards the reference.
@@ -32,8 +33,8 @@ class MPCForceGains(LQRForceGains):
     """Gains of the controller `MPCForce`: those of `LQRForce`, and the horizon.
 
     Args:
-        horizon: number of control periods for which the plan keeps the torque limits. The plan's later torques are
-            those of the regulator, without limits.
+        horizon: number of control periods in which the planned torques satisfy the limits. After the horizon the plan
+            uses the torques of the regulator without limits.
     """
 
     horizon: int = 20
@@ -44,7 +45,7 @@ class MPCForceGains(LQRForceGains):
 
 
 class MPCForce(LQRForce):
-    """State feedback with integrals of force and path error, which minimizes its cost within the torque limits."""
+    """Model-predictive controller with the integrals of force and path error as states, within the torque limits."""
 
     gains: MPCForceGains
 

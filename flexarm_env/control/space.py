@@ -38,8 +38,8 @@ def held_model(
 ) -> tuple[LinearModel, Array, Array]:
     """Linearize the flexible arm about rest at joint angles (N,), rad, with free joints and without backlash.
 
-    Returns the model, the matrix (N, S) from its states to joint angles, and the matrix A of the arm whose joint
-    torques compensate the rigid arm's gravity torques at the present angles.
+    Returns the model, the matrix (N, S) from its states to joint angles, and the state matrix of an arm with gravity
+    compensation. This arm's joint torques compensate the rigid arm's gravity torques at the present angles.
     """
     # x' = A x + B u about the rest, and rows of the joint angles
     free = linearize(rest(arm.taut, gravity, angles), gauges=list(gauges))
@@ -51,17 +51,18 @@ def held_model(
 
 
 def bent_postures(now: Array) -> Array:
-    """Return two postures (2, ..., N), rad: the first joint angle of `now` (..., N), and elbows bent to either side."""
+    """Return two postures (2, ..., N), rad, with the first joint angle of `now` (..., N) and opposite elbow angles."""
     elbows = np.arange(now.shape[-1] - 1)
     bends = [np.broadcast_to(BENT * side * (-1.0) ** elbows, (*now.shape[:-1], len(elbows))) for side in (1, -1)]
     return np.stack([np.concatenate([now[..., :1], bend], axis=-1) for bend in bends])
 
 
 class AboutRest(Controller):
-    """Base class of controllers in space, which computes the flexible arm at rest at its target.
+    """Base class of controllers in space that use the flexible arm's static equilibrium at the target.
 
-    The torques that hold the arm are those at the target, corrected by the change of the rigid arm's gravity torques.
-    Computing a static equilibrium (`linear.static_equilibrium`) takes a few tenths of a second.
+    The torques that hold the arm in its present posture are the holding torques at the target, plus the difference of
+    the rigid arm's gravity torques between the two postures. Computing a static equilibrium
+    (`linear.static_equilibrium`) takes a few tenths of a second.
     """
 
     aims = follows_goal = omits_modes = False
@@ -139,7 +140,7 @@ class AboutRest(Controller):
         return best
 
     def initialise(self, signals: Signals, to_go: Array) -> None:
-        """Store the rigid inertia at the goal, and the holding torques minus those of the rigid arm."""
+        """Store the rigid arm's inertia at the goal, and the flexible minus the rigid arm's holding torques."""
         weight, self.inertia = weight_and_inertia(self.setup.arm, self.gravity, self.goal, self.bodies)
         self.torque = self.torque - weight
 

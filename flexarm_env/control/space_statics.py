@@ -84,7 +84,7 @@ class SpatialChain:
         """Compute one fixed-point iteration for arms at joint angles (n, N), rad, with forces (n, 3), N, on their tips.
 
         curvatures (n, cells, 3): curvatures of the cells, 1/m, from which the shape is computed. The result contains
-        the curvatures that the moments in this shape cause.
+        new curvatures, which are computed from the moments in this shape.
         """
         arm, n = self.arm, len(angles)
         A, r = np.broadcast_to(np.eye(3), (n, 3, 3)), np.zeros((n, 3))

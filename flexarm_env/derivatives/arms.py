@@ -19,7 +19,7 @@ class Part(NamedTuple):
 
     read, write: indices of the arms' rows in input arrays and in output arrays.
     periods: the `Periods` object that advances the arms.
-    places: indices of the entries of these arms' states in a complete state.
+    places: positions of these arms' state entries in a complete state.
     """
 
     read: Any
@@ -38,18 +38,19 @@ class Arms(Periods):
 
     A state is an array of numbers that determine the arm's future. A period gives bitwise the same results as the
     environment, except that actions are float64. Episodes do not end, and nothing is random: sensors have no noise, and
-    delays have no jitter. If the environment has pushes, a state contains only the present push; between pushes, the
-    next one. The caller handles time limits, joint limits and resets. If the solver fails, the results are NaN.
+    delays have no jitter. If the environment has pushes, a state contains one push: the present push or, between
+    pushes, the next push. The caller handles time limits, joint limits and resets. If the solver fails, the results are
+    NaN.
 
     Args:
         id: id of an environment of this package.
         n: number of arms.
         threads: largest number of threads; None: the default of the vector environment.
         parameters: True to add parameters of the arm to the state, so that derivatives by parameters are available.
-            They are payload mass and inertia, factors on EI (in space also on EI_y and GJ), tau_d, and the factor on
-            the torque constant. Joints that are not ideal add stiffness, damping, rotor, friction and backlash
-            (`stiffness[0]`, ...). In a state, parameters follow the entries that change with time, and precede stored
-            observations.
+            The parameters are payload mass and inertia, factors on EI (in space also on EI_y and GJ), tau_d, and the
+            factor on the torque constant. Joints that are not ideal have further parameters: stiffness, damping, rotor,
+            friction and backlash (`stiffness[0]`, ...). In a state, parameters follow the entries that change with
+            time, and precede stored observations.
         keywords: keyword arguments of the environment and of its solver.
     Attributes:
         n: number of arms.
@@ -57,8 +58,8 @@ class Arms(Periods):
         action_size: number A of entries of an action.
         observation_size: number O of entries of an observation.
         observation_space, action_space: Gymnasium spaces of one arm.
-        moving: number X of entries at the beginning of a state that change with time or have derivatives. The other
-            entries are treated as constants, such as targets and the number of periods.
+        moving: number X of entries at the beginning of a state that change with time or have derivatives. All other
+            entries, such as targets and the number of periods, are treated as constants.
         names: names of a state's entries.
         failed: array (n,), True for arms whose solver failed in the last call.
         past: array (n,), True for arms with a joint beyond its limits at the end of the last call.

@@ -1,8 +1,8 @@
 """Observations that depend on the past: delayed or stacked observations, and readings of sensors with memory.
 
 For such observations a state contains the latest `frames` observations of E entries each, the oldest first. A delayed
-observation is the oldest stored one. A control period removes the oldest stored observation and appends a new one; the
-derivatives of all others only move to other rows.
+observation is the oldest stored one. A control period removes the oldest stored observation and appends a new one. The
+derivatives of the remaining observations are only moved to other rows of the Jacobian.
 """
 
 from typing import Any
@@ -41,13 +41,13 @@ class Memory:
         self._batch, self._first, self.moving = batch, moving, moving + self.frames * self.entries
 
     def names(self, own: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the names of a state's entries: `own` with the names of the stored observations inserted."""
+        """Insert the names of the stored observations into the names `own` of a state's other entries."""
         seen = tuple(f"seen[{k}]" for k in range(self.frames * self.entries))
         return own[: self._first] + seen + own[self._first :]
 
     # --- states ----------------------------------------------------------------------------------
     def parts(self, state: Array) -> tuple[Array, Array]:
-        """Split states (n, S) into all other entries and the stored observations."""
+        """Split states (n, S) into two arrays: all entries except stored observations, and the stored observations."""
         x, y = self._first, self.moving
         if self.frames == 0:
             return state, state[:, x:y]
@@ -86,7 +86,7 @@ class Memory:
     def whole(self, moved: Array) -> Array:
         """Extend the Jacobian of a control period by rows and columns of the stored observations.
 
-        X includes the stored entries; the result has the shape (n, X + O + 1, X + A).
+        The result has the shape (n, X + O + 1, X + A), where X includes the stored entries.
         """
         if self.frames == 0:
             return moved

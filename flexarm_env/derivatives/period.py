@@ -39,8 +39,8 @@ class Jacobians(NamedTuple):
     """Results of a control period of n arms, and their derivatives.
 
     A state has S entries, of which the first X = `Arms.moving` are variable. An action has A entries, an observation O
-    entries. `moved` contains only derivatives of and by variable entries. A, B, C, D, r_x and r_u are the derivatives
-    for complete states: constant entries do not change, and derivatives by them are zero.
+    entries. `moved` omits derivatives of and by constant entries of the state. A, B, C, D, r_x and r_u are the
+    derivatives for complete states: constant entries do not change, and derivatives by them are zero.
     """
 
     state: Array  # (n, S): state one control period later
@@ -170,11 +170,11 @@ class Periods:
 
     Args:
         batch: the `Batch` of arms. parameters: True to differentiate by parameters, too.
-        kept: True if states contain accelerations and torques even if each period computes accelerations at its start.
+        kept: True if states contain accelerations and torques although each period recomputes the accelerations.
         guided: pair (index, `envs.motion.Guide`) of a single arm with prescribed motion, or None for all arms.
-        alone: which arms are computed one at a time, with halved steps if Newton's iteration fails: "failed" (arms for
-            which it failed when computed together with others, as in the environment), "all" or "none". whole: True to
-            include the terms of all parameters.
+        alone: which arms are computed one at a time, with halved steps if Newton's iteration fails: "all", "none", or
+            "failed". With "failed", as in the environment, these are the arms whose iteration failed when all arms were
+            computed together. whole: True to include the terms of all parameters.
     Attributes:
         n, state_size, action_size, observation_size, moving, names, failed, past: as in `Arms`.
         backwards: True if the model has kernels that compute `vjp`.
@@ -317,9 +317,9 @@ class Periods:
         """Return the derivatives of a scalar by states (n, S) and actions (n, A) before a control period.
 
         state_bar (n, S), observation_bar (n, O), reward_bar (n,): derivatives of the scalar by state, observation and
-        reward after the control period. step_ends: attribute `step_ends` after this step; with it no step is solved
-        again. If the model has kernels for this function (`backwards`), a call takes a few times as long as a period.
-        Otherwise it computes the Jacobians."""
+        reward after the control period. step_ends: attribute `step_ends` after this step, with which `vjp` need not
+        solve the steps again. If the model has kernels for this function (`backwards`), a call takes a few times as
+        long as a period. Otherwise it computes the Jacobians."""
         given = checked("state_bar", state_bar, (self.n, self.state_size))
         seen = checked("observation_bar", observation_bar, (self.n, self.observation_size))
         paid = checked("reward_bar", reward_bar, (self.n,))

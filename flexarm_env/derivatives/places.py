@@ -45,7 +45,7 @@ def places_of(
     stride: distance between two elements of the block.
     layout: offsets of the block's sections.
     parameters: True if the state contains parameters as variable entries.
-    kept: True to include accelerations and torques even if each period computes accelerations at its start.
+    kept: True to include accelerations and torques although each period recomputes the accelerations.
     """
     task, extras = batch.task, batch.extras
     rows, links = int(size(model.n)), len(task.links)
@@ -124,7 +124,7 @@ def _laws(model: Any) -> list[tuple[int, str, float]]:
 
 
 def laws_of(model: Any, names: tuple[str, ...]) -> tuple[list[int], list[float]]:
-    """Return the indices, in a state, of the parameters of gears, rotors and friction, and their values.
+    """Return indices in a state, and values, of the parameters of gears, rotors and friction.
 
     names: names of the state's entries.
     """

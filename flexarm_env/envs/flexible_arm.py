@@ -25,13 +25,13 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     strip's first natural frequency is 8.89 rad/s, and its damping ratio is one percent.
 
     `gymnasium.make("FlexibleArm-v0")` creates one arm. `gymnasium.make_vec("FlexibleArm-v0", num_envs=n)` creates n
-    arms that one compiled call advances. Each of them gives bitwise the same results as a single arm. The id
+    arms that one compiled call advances. Each of the n arms gives bitwise the same results as a single arm. The id
     `flexarm_env:FlexibleArm-v0` also works if the package has not been imported.
 
     ## Action space
 
     `Box(-1, 1, (1,), float32)`: the hub torque divided by the arm's torque limit (`strip`: 2 N m). The torque is
-    constant over one control period. Actions beyond +-1 are clipped. NaN or infinity ends the episode
+    constant over one control period. Actions beyond +-1 are clipped. An action that is NaN or infinite ends the episode
     (`action_not_finite`).
 
     ## Observation space
@@ -74,8 +74,8 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     | failure | 56 | -1 in the step that ends an episode by failure | -56 to 0 |
 
     `reward={"effort": 0.1}` changes weights, and `reward_terms` adds terms of your own ([Reward](options.md#reward)).
-    The weight of failure is so large that an episode never gains by failing. Weights are proportional to the control
-    period, so that the return of an episode does not depend on it.
+    The weight of failure is so large that a failure never increases the return of an episode. Weights are proportional
+    to the control period, so the return of an episode is independent of the control period.
 
     ## Starting state
 
@@ -92,10 +92,10 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     - Termination: an episode is terminated only by a failure. `info["termination_reason"]` is `joint_limit` (a joint
       beyond its limits), `action_not_finite`, or the status of the solver (`newton_failed`, `out_of_range`, `diverged`,
       `not_finite`). After `action_not_finite` or a failure of the solver, `step` returns the last observation before
-      the failure. The other arms of a vector environment continue.
+      the failure. In a vector environment, episodes of all other arms continue.
     - Success does not end an episode. `info["is_success"]` is true if, during the last 0.5 s, the tip angle was within
       1 degree of the target and the magnitude of the deflection rate was below 0.01 L/s. An episode counts as a success
-      if the value is true at its last step.
+      if `info["is_success"]` is true at its last step.
 
     ## Info
 

@@ -2,7 +2,7 @@
 
 All arms of a native vector environment share mesh and mass matrix, which depend on the links' lengths. Lengths can
 therefore not be randomized in each episode as other parameters can. `LengthsVectorEnv` instead combines several native
-vector environments, one for each length, to one vector environment.
+vector environments, one for each length, into one vector environment.
 """
 
 import dataclasses
@@ -68,7 +68,7 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
     Args:
         env_id: id of a registered environment. num_envs: number of arms, at least one for each length.
         lengths: list of factors on the links' lengths; each entry is a factor for all links, or a factor for each link.
-            Each entry applies to an equal number of arms (up to one); the first arms have the first entry.
+            Entries apply to equal numbers of arms (with differences of at most one), in the order of the arms.
         keywords: keywords of the environment and of the vector environment (`autoreset_mode`, `threads`).
     Attributes:
         parts: the native vector environments, one for each entry of `lengths`. lengths: as in the arguments. plan: plan
@@ -116,7 +116,7 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         """Start episodes of all arms, or of the arms in options["reset_mask"]; arm i has the seed seed + i or seed[i].
 
         Raises:
-            ValueError: an argument is invalid; no episode has then started.
+            ValueError: an argument is invalid; in this case no episode starts.
         """
         seeds = checked_seeds(seed, self.num_envs)
         chosen, rest = checked_mask(options, self.num_envs)

@@ -69,7 +69,7 @@ def checked_observation(observation: Any, history: Any) -> tuple[str | tuple[str
 
 
 def sensors_of(kind: Kind, arm: Arm, observation: str | tuple[str, ...], given: Any) -> description.Sensors:
-    """Return the environment's sensors: the user's, otherwise the arm's unless the observation is "full".
+    """Return the user's sensors; without these, the arm's sensors, unless the observation is "full".
 
     If observation="measured", ideal sensors replace missing sensors, and ideal encoders replace missing encoders.
     """
@@ -120,7 +120,7 @@ def sight(frame: Frame, observation: str | tuple[str, ...], sensors: description
 
 
 def goal_entries(kind: Kind, arm: Arm) -> Entries:
-    """Return names and scales of the entries for the target: goal joint angles minus encoder angles, and the point."""
+    """Return names and scales of the target's entries: goal minus encoder angles, and the target point."""
     axes = "xyz"[: kind.target.numbers] if kind.target.numbers > 1 else ""
     point = [(f"target_{axis}", arm.total_length) for axis in axes]
     return [*((f"{joint}_error", 1.0) for joint in arm.joint_names), *point]

@@ -124,7 +124,7 @@ def element(link: Link, start: float, end: float) -> tuple[Array, Array]:
     """Return mass and stiffness (12, 12) of a straight beam element from `start` to `end` (m), in the link's axes.
 
     Rows: displacement (m) and rotation (rad) of the section at `start`, then of the section at `end`. Bending is cubic
-    in both planes; stretch and twist are linear. The integrals have four Gauss points.
+    in both planes; stretch and twist are linear. The integrals are computed with four Gauss points.
     """
     length, (x, weights) = end - start, POINTS
     z, share = 0.5 * (x + 1.0), 0.5 * length * weights

@@ -9,8 +9,9 @@ of 100 control periods in steps of h and of h/2, with bang-bang torques that are
     e_1  the error of small motions due to step and mesh (`resolution`).
 
 The factor d / d_1 measures the amplification of errors, and the error of the trial is max(d, e_1 d / d_1). If the
-factor exceeds `GROWN`, settings must also satisfy a second condition: the tip's distance from episodes on the next
-finer mesh in steps of h/2 must be small. If a PD loop sustains a vibration ("chatters"), this distance is the error.
+factor exceeds `GROWN`, settings must also satisfy a second condition: on the next finer mesh in steps of h/2, the tips
+must have nearly the same positions. If a PD loop sustains a vibration ("chatters"), the trial's error is the distance
+between the tips on the two meshes.
 
 With random factors (keyword `randomization`), two more arms run the same episodes as the nominal arm: the softest arm
 with the heaviest payload and the strongest torques, and the stiffest arm with the lightest payload.
@@ -66,10 +67,10 @@ class Rule(Protocol):
     """Interface of `judge.Judge`: error estimates from small motions."""
 
     def small(self, settings: Settings, h: float) -> float:
-        """Return e_1, the error of small motions with these settings in steps of h, s, divided by L."""
+        """Return e_1, the error of small motions with these settings and the time step h, s, divided by L."""
 
     def halved(self, settings: Settings, h: float) -> float:
-        """Return the largest distance between the tips of small motions in steps of h (s) and of h/2, divided by L."""
+        """Return the largest distance between the tips of small motions with time steps h, s, and h/2, divided by L."""
 
 
 KEPT = 16
@@ -124,9 +125,9 @@ def trials_of(
 
     Args:
         kind: definition of the environment's task, without the user's reward terms. arm: the arm. period: control
-            period, s. gravity: m/s^2, or None. mode, share: action mode, and share of the residual torque added to a PD
-            loop. amplifier: the amplifier, or None. drawn: ranges (low, high) of random factors by name
-            (`starts.FACTORS`).
+            period, s. gravity: m/s^2, or None. mode: the action mode. share: largest residual torque that is added to a
+            PD loop, divided by the torque limit. amplifier: the amplifier, or None. drawn: ranges (low, high) of random
+            factors by name (`starts.FACTORS`).
     """
     drive = None if amplifier is None else tuple(None if x is None else tuple(x.tolist()) for x in amplifier)
     ends = corners(drawn or {})
@@ -180,7 +181,7 @@ def trials_of(
 
 
 def corners(drawn: Mapping[str, tuple[float, float]]) -> list[dict[str, float]]:
-    """Return the factors of the softest and the stiffest randomized arm; [] if they are the nominal arm.
+    """Return the factors of the softest and the stiffest randomized arm; [] if both are the nominal arm.
 
     drawn: ranges (low, high) of random factors by name (`starts.FACTORS`).
     """
@@ -288,9 +289,9 @@ def settled(
 ) -> tuple[Settings, float]:  # fmt: skip
     """Halve the step until episodes agree with episodes on a finer mesh in half the step; return settings and distance.
 
-    The distance is the largest one between the tips of the two episodes, divided by the arm's length. The search ends
-    if it is at most `TRIED`, or if the step would be shorter than `least`, s. finer: settings with the finer mesh. at:
-    function of (settings, step, s), see `refined`. length: length of the arm, m.
+    The distance is the largest distance between the tips in the two episodes, divided by the arm's length. The search
+    ends if this distance is at most `TRIED`, or if the step would be shorter than `least`, s. finer: settings with the
+    finer mesh. at: function of (settings, step, s), see `refined`. length: length of the arm, m.
     """
     best, chosen = settings, math.inf
     while True:

@@ -106,9 +106,9 @@ def settling_band(setup: Setup, way: Array | float) -> Array:
 def settling_time(history: History, setup: Setup) -> tuple[Array, NDArray[np.bool_]]:
     """Return settling times (n,), s, and flags (n,) that are True for episodes that settled.
 
-    The settling time is the time after which the tip error stays at most `settling_band` to the end of the episode. For
-    an episode that does not settle, or is terminated early, the time is the full duration of T periods. The history
-    must contain the tip's position (`TIP`).
+    After the settling time the tip error does not exceed `settling_band` until the end of the episode. For an episode
+    that does not settle, or is terminated early, the time is the full duration of T periods. The history must contain
+    the tip's position (`TIP`).
     """
     errors = np.linalg.norm(tip_errors(history, setup), axis=2)
     steps = len(errors) - 1

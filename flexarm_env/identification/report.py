@@ -139,7 +139,7 @@ def _pairs(result: Identification) -> list[tuple[Direction, Direction | None]]:
 
 
 def direction(of: Direction) -> str:
-    """Format a direction, such as "EI_1 +1.00, elbow +0.97 (+-0.004)", with the half width of its 95 % interval."""
+    """Format a combination of parameters and half its 95 % interval, such as "EI_1 +1.00, elbow +0.97 (+-0.004)"."""
     parts = ", ".join(f"{name} {share:+.2f}" for name, share in of.shares.items())
     return f"{parts} (+-{of.deviation:.2g})"
 

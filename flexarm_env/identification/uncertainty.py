@@ -1,11 +1,11 @@
 """Uncertainty of a fit: confidence intervals, unidentifiable parameters, and identifiable combinations of parameters.
 
-Modeling errors and sensor filters correlate the residuals of successive samples. The parameters' covariance is
-therefore computed by the sandwich formula (J'J)^-1 S (J'J)^-1, where J is the derivative of the residuals by the
-parameters. S is the heteroskedasticity- and autocorrelation-consistent estimate of Newey & West (1987), with the
-bandwidth of Andrews (1991). The intervals use quantiles of Student's t distribution. Its degrees of freedom are 1.5 n
-divided by the bandwidth of Bartlett's kernel, for n samples (Kiefer & Vogelsang 2005). The covariance is never smaller
-than the covariance for independent residuals.
+Because of modeling errors and sensor filters, residuals of successive samples are correlated. The parameters'
+covariance is therefore computed by the sandwich formula (J'J)^-1 S (J'J)^-1, where J is the derivative of the residuals
+by the parameters. S is the heteroskedasticity- and autocorrelation-consistent estimate of Newey & West (1987), with the
+bandwidth of Andrews (1991). The intervals use quantiles of Student's t distribution. For n samples the distribution has
+1.5 n / b degrees of freedom, where b is the bandwidth of Bartlett's kernel (Kiefer & Vogelsang 2005). The covariance is
+never smaller than the covariance for independent residuals.
 """
 
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ SMALLEST = 1e-7
 
 @dataclass(frozen=True)
 class Direction:
-    """Linear combination of parameters: coefficients in units of the parameters' sizes, the largest of them 1.
+    """Linear combination of parameters; coefficients are scaled by the parameters' sizes, and the largest is 1.
 
     deviation: half width of the 95 % interval of the combination, in the same units.
     """

@@ -1,8 +1,8 @@
 """Linear equations of an arm at a point of its motion: continuous and discrete state space, and outputs.
 
 The state consists of d, the changes of the independent coordinates, and e, the changes of their rates. For a rotation
-in space, d is an increment in the section's own axes. With the section's angular velocity w then d' = e - w x d. For
-all coordinates together
+in space, d is an increment in the section's own axes. The time derivative of d is then d' = e - w x d, with the
+section's angular velocity w. For all coordinates together
 
     d' = e - V d,        M e' + C e + K d = B u
 
@@ -39,7 +39,7 @@ def gauge_name(link: int, place: float, measures: str = "xy") -> str:
 
 
 class ArmAtPoint:
-    """Computation of the `LinearModel` of a simulation about its present state.
+    """Compute the `LinearModel` of a simulation about its present state.
 
     Attributes:
         names: names of the coordinates. inputs, x, u, rate, A, B: as in the continuous `LinearModel`. still: mass,

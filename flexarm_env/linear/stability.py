@@ -1,8 +1,8 @@
 """Stability of an arm at an equilibrium or in motion, from the eigenvalues of its linearized equations.
 
-At rest, the forces of loads, gravity and held joints have a potential. An equilibrium is stable if K x = mu M x, with
-the stiffness K and the mass matrix M of the coordinates that can move, has no negative eigenvalue mu (Lagrange and
-Dirichlet). A mode with mu < 0 grows as exp(sqrt(-mu) t).
+At rest, the forces of loads, gravity and held joints have a potential. Let K and M be the stiffness and mass matrices
+of the coordinates that can move. An equilibrium is stable if K x = mu M x has no negative eigenvalue mu (theorem of
+Lagrange and Dirichlet). A mode with mu < 0 grows as exp(sqrt(-mu) t).
 """
 
 from collections.abc import Sequence
@@ -27,8 +27,8 @@ class Stability:
     Attributes:
         smallest: smallest squared frequency mu, rad^2/s^2, of K x = mu M x with the held joints fixed; infinite if no
             coordinate can move.
-        negative: number of negative mu. neutral: number of mu that are 0 except for round-off, as for freely turning
-            joints.
+        negative: number of negative mu. neutral: number of mu that are 0 up to round-off; freely turning joints, for
+            example, have mu = 0.
     """
 
     smallest: float
@@ -37,7 +37,7 @@ class Stability:
 
     @property
     def stable(self) -> bool:
-        """True if no small motion grows exponentially; the arm may still drift where mu = 0 (`neutral`)."""
+        """True if no small motion grows exponentially; motions with mu = 0 (`neutral`) may still drift."""
         return self.negative == 0
 
     @property
@@ -70,16 +70,16 @@ def moving(equations: Equations, held: Sequence[int]) -> list[int]:
 
 
 def growing(eigenvalues: Complex) -> int:
-    """Return the number of growing eigenvalues; a conjugate pair, represented by one member, counts once."""
+    """Return the number of eigenvalues with growing motions, in which each conjugate pair counts once."""
     return int((eigenvalues.real > GROWS * np.abs(eigenvalues)).sum())
 
 
 def eigenpairs(M: Array, C: Array, K: Array) -> tuple[Complex, Complex]:
     """Return eigenvalues and eigenvectors of M x'' + C x' + K x = 0.
 
-    Of each pair of conjugate eigenvalues only the member with positive imaginary part is returned, and of each pair of
-    zeros (a rigid motion) only one. The eigenvalues are computed in the basis of the undamped modes, in which M is the
-    identity and the symmetric part of K is diagonal.
+    Of each conjugate pair only the eigenvalue with positive imaginary part is returned. Of each pair of zero
+    eigenvalues (a rigid motion) only one is returned. The eigenvalues are computed in the basis of the undamped modes,
+    in which M is the identity and the symmetric part of K is diagonal.
     """
     squares, basis = undamped(0.5 * (M + M.T), 0.5 * (K + K.T))
     symmetric = np.abs(K - K.T).max() < 1e-8 * np.abs(K).max()

@@ -57,8 +57,8 @@ class Wire:
         period: control period, s. limits (N,): torque limits, N m. scales (M,): numbers by which the environment
             divides the sensor readings. watchdog: number of periods without a command after which the server holds the
             arm. lost: number of READING packets that never arrived. angles, rates, torques (N,): joint angles (rad),
-            joint rates (rad/s) and torques (N m) in the last READING packet. seen (M,): sensor readings in this packet,
-            SI units. flags, status, time: flags, status and time (s) in this packet.
+            joint rates (rad/s) and torques (N m) in the last READING packet. seen (M,): sensor readings, SI units, in
+            the last READING packet. flags, status, time: flags, status and time (s) in the last READING packet.
     Raises:
         ConnectionError: the server does not answer, or it serves another client.
         OSError: the host does not exist. ValueError: an argument is invalid, or a torque is not finite.
@@ -205,7 +205,7 @@ class Wire:
         """Wait for a reading, and store the newest reading in the attributes; return whether a reading arrived.
 
         Raises:
-            ConnectionError: the size of a reading differs from the size that the WELCOME announced.
+            ConnectionError: the size of a READING packet differs from the size in the WELCOME packet.
         """
         # wait for one reading, then empty the queue without waiting; gaps in the numbers count as lost
         until, n, newest = time.monotonic() + self.timeout, len(self.limits), None
@@ -240,8 +240,8 @@ class RemoteArmEnv(gym.Env[Array32, Array32]):
     scales, as in the environment that the server runs. The remote arm has no task: rewards are 0. `step` sends the
     torques and waits for the next reading. An episode is truncated if no reading arrives, or if the server holds the
     arm because a limit was exceeded or commands were missing. An episode is terminated if the arm reports a failure.
-    `info["reason"]` is then one of `REASONS`. `reset` ends the hold and requests a new start. A simulated arm starts
-    again from an initial state; a real arm may ignore the request.
+    `info["reason"]` is then one of `REASONS`. `reset` ends the hold of the arm and requests a new start of the episode.
+    A simulated arm starts again from an initial state; a real arm may ignore the request.
 
     Args:
         host, port: address of `flexarm serve`, or of any other server with the same packets. key: shared secret, or
@@ -335,10 +335,11 @@ class RemoteArmEnv(gym.Env[Array32, Array32]):
 
 
 class Played:
-    """Policy that applies torques from a CSV file, one row per control period, and after the last row zero torque.
+    """Policy that applies one row of torques from a CSV file per control period, and zero torque after the last row.
 
     Args:
-        path: CSV file with the columns t (s, evenly spaced) and torque0, ... (N m). period: control period of the
+        path: CSV file with evenly spaced times, s, in column t and torques, N m, in the columns torque0, torque1 and so
+            on. period: control period of the
             arm, s. limits (N,): torque limits of the arm, N m.
     Attributes:
         seconds: duration of the file, s.

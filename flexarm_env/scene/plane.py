@@ -45,10 +45,10 @@ class _Leaves(Exception):
 def in_plane(scene: Scene) -> InPlane | None:
     """Return the equivalent planar scene of a spatial scene; None if there is no such scene.
 
-    The following conditions must hold to the accuracy `EXACT`. All joint axes must be parallel. Their direction must be
-    a principal axis of every section and every inertia tensor. Gravity, forces, the root's motion and velocity, and the
-    payload's offset must be perpendicular to the joint axes. Moments must act about the joint axes. The result is also
-    None if a link is rigid, or if the scene has contacts or `space` = True.
+    The following conditions must hold to the accuracy `EXACT`. All joint axes must be parallel. The direction of the
+    joint axes must be a principal axis of every section and every inertia tensor. Gravity, forces, the root's motion
+    and velocity, and the payload's offset must be perpendicular to the joint axes. Moments must act about the joint
+    axes. The result is also None if a link is rigid, or if the scene has contacts or `space` = True.
     """
     # rigid links are computed in space only
     rigid = any(link.rigid for link in scene.arm.links)

@@ -35,9 +35,9 @@ def resolving_step(scene: Scene, longest: float | Settings, end: float) -> float
     """Return a time step, s, that resolves all motions, loads and obstacle displacements until the time `end`, s.
 
     Args:
-        longest: upper limit of the time step, s, or settings with dt as this limit.
+        longest: upper limit of the time step, s, or solver settings whose dt is this limit.
     Raises:
-        ValueError: a function of time would need too many steps; the message names it.
+        ValueError: a function of time would need too many steps; the message names the function.
     """
     dt = longest.dt if isinstance(longest, Settings) else longest
     assert dt is not None

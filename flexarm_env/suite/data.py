@@ -70,7 +70,7 @@ class Task:
 
 
 def read(text: str, task_id: str) -> Task:
-    """Parse a task from the text of its file. A ValueError names the task, the key and the rule."""
+    """Parse a task from the text of its file. The message of a ValueError names task, key and rule."""
     with check.in_file(f"{task_id}.toml"):
         table = tomllib.loads(text)
         check.known_keys("", table, (*_KEYS, *_MAY))

@@ -53,7 +53,7 @@ def lines_of(task: Task, found: Sequence[Results]) -> list[Line]:
 
 
 def middle(own: Mapping[str, Sequence[float]], count: int) -> str:
-    """Format the interquartile mean with its interval; "" if the method has no results on some of the `count` tasks."""
+    """Format the interquartile mean of a method's scores, with its interval; "" unless all `count` tasks have one."""
     if len(own) < count:
         return ""
     limits = interval(own)

@@ -64,7 +64,7 @@ def overview(
 
 
 def finding(known: Sequence[Task], rows: Mapping[str, Sequence[Line]]) -> str:
-    """Format the finding: number of tasks on which trained policies are best, range of best scores, hardest task."""
+    """Format the result: number of tasks on which trained policies are best, range of best scores, hardest task."""
     first = [line for task in known if (line := _best(task, rows[task.id])) is not None]
     scores = [_score(line) for line in first]
     if not scores or not np.all(np.isfinite(scores)):
@@ -141,7 +141,7 @@ def learners(known: Sequence[Task], rows: Mapping[str, Sequence[Line]]) -> list[
 def figure_data(found: Sequence[Results]) -> tuple[list[str], dict[str, list[float | None]]]:
     """Return the labels of the tasks with results, and each method's scores on these tasks, for a figure.
 
-    The methods are the best controller and the methods that learn with a column in the table of scores.
+    The methods are the best controller and the trained methods that have a column in the table of scores.
     """
     known = [task for task in tasks() if any(task.id in one.tasks for one in found)]
     rows = {task.id: lines_of(task, found) for task in known}

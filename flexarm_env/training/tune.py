@@ -1,4 +1,4 @@
-"""Tune the gains of the classical controllers: random search, then Nelder-Mead, on separate episodes.
+"""Tune the gains of the classical controllers by random search and then Nelder-Mead, on separate episodes.
 
     flexarm tune --env FlexibleArm-v0                   # all controllers but mpc
     flexarm tune --env TwoLinkFlexArm-v0 --controllers pd,lqr
@@ -6,16 +6,16 @@
     flexarm tune --env FlexibleArm-v0 --controllers pd,zv,zvd,lqr --randomized --out slew.toml
     flexarm tune --env FlexibleArm-v0 --env-kwargs '{"arm": "mine.toml"}' --controllers pd,zvd --out mine_gains.toml
 
-The search minimizes the mean settling time, plus the episode's duration times the share of failed episodes. The
-episodes are used for neither training nor evaluation. The search starts from the gains in the output file, or from the
-gains of the package if this file does not exist. The output file is --out or, by default, runs/gains/TASK.toml. Pass
-the file to `flexarm evaluate --policy zv@FILE`. In a checkout, `python -m agents.tune` instead writes
-flexarm_env/data/control/TASK.toml, the file that `flexarm_env.control.make` reads.
+The search minimizes the mean settling time plus a penalty. The penalty is the episode's duration times the fraction of
+failed episodes. The episodes are used for neither training nor evaluation. The search starts from the gains in the
+output file, or from the gains of the package if this file does not exist. The output file is --out or, by default,
+runs/gains/TASK.toml. Pass the file to `flexarm evaluate --policy zv@FILE`. In a checkout, `python -m agents.tune`
+instead writes flexarm_env/data/control/TASK.toml, the file that `flexarm_env.control.make` reads.
 
-Gains of pd, zv and zvd must leave a gain margin (--margin; default: a factor of 2, 6 dB). The closed loop of the
-linearized arm, sampled at the control period, must be stable with all gains multiplied by the margin. Without this
-condition (--margin 0) the search finds unstable loops that end in a limit cycle, in which the elbow's torque changes
-sign in every period.
+Gains of pd, zv and zvd must have a minimum gain margin (--margin; default: a factor of 2, which is 6 dB). The closed
+loop of the linearized arm, sampled at the control period, must be stable with all gains multiplied by the margin.
+Without this condition (--margin 0) the search finds unstable loops. Such loops end in a limit cycle in which the
+elbow's torque changes sign in every period.
 """
 
 import json
@@ -80,7 +80,7 @@ class Arguments:
         refinements: number of Nelder-Mead evaluations.
         episodes: number of episodes per evaluation.
         seed: seed of the search.
-        margin: gain margin: the linearized loop must be stable with all PD gains multiplied by this factor; 0: no
+        margin: factor by which all PD gains can be multiplied while the linearized loop must stay stable; 0: no
             condition.
         out: file to which the gains are written.
         home: folder in which TASK.toml is written if --out is not given.
@@ -144,7 +144,7 @@ def search(
 ) -> tuple[Array, float]:
     """Minimize the cost over k gains within bounds (k, 2), by Sobol points and then Nelder-Mead.
 
-    Both methods work on the logarithms of the gains. start (k,): known gains that are evaluated first, or None.
+    Both methods vary the logarithms of the gains. start (k,): known gains that are evaluated first, or None.
     Returns the best gains and their cost.
     """
     from scipy.optimize import minimize

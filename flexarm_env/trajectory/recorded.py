@@ -36,7 +36,8 @@ MOST_STEPS, MOST_SAMPLES = 10**9, 10**6
 class Trajectory:
     """Recorded simulation of an arm with N links at n instants, in SI units.
 
-    At a kink, an instant at which an input is discontinuous, the recorded values are those just before the kink.
+    A kink is an instant at which an input is discontinuous. The values recorded at a kink are the values just before
+    the kink.
 
     Attributes:
         scene, settings: the scene and the solver settings of the run. t (n,): recorded instants, s.
@@ -46,7 +47,8 @@ class Trajectory:
         joint_angles, joint_rates (n, N): angles, rad, and rates, rad/s, of the joints: joint 0 relative to the x axis
             or the floating base, joint k relative to the tip of link k-1.
         motor_angles, motor_rates (n, N): angles, rad, and rates, rad/s, of the motors, divided by the gear ratio and
-            relative to the previous link. With a rigid gear they equal the joint's angle and rate.
+            relative to the previous link. With a rigid gear the motor's angle and rate equal the joint's angle and
+            rate.
         joint_torque (n, N): applied torque, or torque that enforces a prescribed angle, N m.
         tip_deflection (n, N): displacement of each link's tip, relative to the unstressed link, normal to the tangent
             at the link's root, divided by the link's length.
@@ -57,7 +59,7 @@ class Trajectory:
         status: "ok", "inaccurate", or the name of the failure that ended the run. message: a sentence about the status.
         steps, iterations, factorizations, halvings: numbers of time steps, Newton iterations, factored matrices and
             halved steps. cpu_seconds: CPU time of the run's thread, s, without compilation.
-        notes: by name, tip errors that the formulation causes, divided by the arm's length.
+        notes: tip errors that the formulation causes, divided by the arm's length, by the name of the cause.
         error_estimate: estimated error of the tip's position, divided by the arm's length (`flexarm_env.accuracy`); nan
             if the run ended early or the error was not estimated. error_parts: the parts of the estimate, by name.
         deflection_bound: value of `tip_deflection` at which a run ends; infinite unless each link is reduced to modes.
@@ -144,11 +146,11 @@ class Trajectory:
 
     @property
     def turned_over(self) -> float:
-        """Energy with which `balance` is compared, J: gross work + initial energy + energy exchanged with gravity."""
+        """Reference energy for the error `balance`, J: gross work + initial energy + energy exchanged with gravity."""
         return self.gross_work + float(self.kinetic[0] + self.strain_energy[0] + np.ptp(self.gravity))
 
     def strain(self, link: int, place: float, distance: float | None = None) -> Array:
-        """Return a link's bending strain at one place over time, (n,): curvature times distance from the neutral axis.
+        """Return a link's bending strain (n,) at `place`: curvature times distance from the neutral axis.
 
         Args:
             link: index of the link, from 0. place: position along the link, from 0 (root) to 1 (tip).
@@ -171,7 +173,7 @@ class Trajectory:
     # --- to be looked at ---------------------------------------------------------------------------
     @classmethod
     def read(cls, simulation: Any, fields: Mapping[str, Array], shapes: Array) -> dict[str, Any]:
-        """Return the attributes whose form differs in plane and space, from the arrays of `Simulation.record`."""
+        """Return the attributes that differ between plane and space, from the arrays of `Simulation.record`."""
         poses, links = fields["poses"], simulation.scene.arm.links
         lengths = np.array([link.span for link in links])
         bows = np.array([link.far.imag for link in links])
@@ -189,7 +191,7 @@ class Trajectory:
 
     @property
     def compared_tips(self) -> Array:
-        """The tip's positions as `read_tips` returns them."""
+        """Tip positions (n, 2), m, from which errors are estimated, as `read_tips` returns them."""
         return self.tip[:, :2]
 
     def clip(self, label: str | None = None) -> Clip | SpaceClip:
@@ -226,8 +228,8 @@ class Trajectory:
                 sensors if the arm has none.
             seed: seed of the sensors' noise, gains and biases.
         Returns:
-            Arrays (n,) by name of the reading, in SI units: `hub_angle`, `hub_rate`, `elbow_angle`, ... (rad, rad/s),
-            `tip_acceleration_x`, `_y` (m/s^2), `camera_x`, `_y` (m), `strain_gauge_1`, ... (1/m, or strain).
+            Arrays (n,) by name of the reading, for example `hub_angle` (rad), `hub_rate` (rad/s), `tip_acceleration_x`
+            (m/s^2), `camera_x` (m) and `strain_gauge_1` (1/m, or strain).
         Raises:
             ValueError: there are fewer than two samples, the samples are not evenly spaced, or arrays are inconsistent.
         """
