@@ -243,7 +243,7 @@ class Guide:
         )  # fmt: skip
 
     def start(self, batch: Batch, i: int) -> None:
-        """Start the motion with the parameters of arm i, after the batch has started its episode; observe the arm."""
+        """Start the motion with the parameters of arm i, whose episode has begun in the batch, and observe the arm."""
         self.bind(batch, i)
         self.simulation.par[:] = batch.parameters(i)
         self._run(batch, i, True)
@@ -274,7 +274,7 @@ class Guide:
         return reading_of(self.scene).start_angles(self.scene, self.simulation.observe()[0])
 
     def view(self, view: View) -> View:
-        """Return `view`, the `View` of the batch, with this arm's points, deflections and torques."""
+        """Return the batch's `view`, with points, deflections and torques replaced by those of this arm."""
         simulation, q = self.simulation, self.simulation.work.q
         deflection = reading_of(self.scene).bends(self.scene.arm, self.settings, view.poses, q)
         return replace(
