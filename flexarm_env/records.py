@@ -194,7 +194,7 @@ class Flag(NamedTuple):
 
 
 def flags(kind: Any) -> list[Flag]:
-    """Return a flag for each field whose value is a number, a text, a word or True or False."""
+    """Return a flag for each field whose value is a number, a text, one of several words, or a boolean."""
     found = []
     for name, rule in rules(kind).items():
         parsed, metavar = (str, "NAME") if "enum" in rule.json else PARSED.get(rule.json.get("type", ""), (None, ""))

@@ -261,7 +261,7 @@ class Settings:
 
     @property
     def period_error(self) -> float:
-        """Coefficient kappa: the integration multiplies a vibration period by 1 + kappa (omega h)^2 for the step h."""
+        """Coefficient kappa: steps h multiply the period of a vibration of frequency omega by 1 + kappa (omega h)^2."""
         # Newmark, e = gamma - 1/2: kappa = beta/2 - 1/24 - e/4 + e^2/8, at least 0
         # generalized-alpha: kappa = 1/12 + 3/8 ((1 - rho_inf)/(1 + rho_inf))^2
         if self.newmark is not None:

@@ -45,7 +45,7 @@ def framed(
     The Newton tolerance decreases with the square of the step. The number of steps follows from the lightest and
     softest arm that may be drawn. value: keyword `contacts`: one or several `Contact` or tables; None for no contacts.
     task: task of the environment. duration: longest episode, s. given: the user's solver options. drawn: ranges of
-    randomized factors by name. changing: the payload change, or None.
+    randomized factors by name. changing: change of the payload during an episode, or None.
 
     Raises:
         ValueError: a contact is invalid; the message names the key path, the value and the rule.

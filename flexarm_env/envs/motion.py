@@ -35,7 +35,7 @@ WHAT = "must be a named motion, a table (n, 2 to 4), a .csv or .toml file, a Tim
 class Prescribed:
     """Prescribed joint motions of an episode.
 
-    functions: pairs (joint, function of time). end: end of the motion, s. scene: the scene, if the user gave a scene.
+    functions: pairs (joint, function of time). end: end of the motion, s. scene: the user's scene, or None.
     """
 
     functions: tuple[tuple[int, TimeFunction], ...]

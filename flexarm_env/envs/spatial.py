@@ -34,8 +34,8 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     ## Action space
 
     `Box(-1, 1, (N,), float32)`: joint torques divided by their limits (20, 10 and 10 N m for the default arm). The
-    torques are constant over one control period. Actions beyond +-1 are clipped. NaN or infinity ends the episode
-    (`action_not_finite`).
+    torques are constant over one control period. Actions beyond +-1 are clipped. An action with NaN or infinity ends
+    the episode (`action_not_finite`).
 
     ## Observation space
 
