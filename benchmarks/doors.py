@@ -345,7 +345,8 @@ def blocks(found: Found) -> pages.Blocks:
     sent = sum(found["packets"]["sent"].values())
     total = f"The arm counts {sum(counts.values()):,} of {sent:,} sent packets: "
     heads = "communication step, ms | largest hub error against Python's loop, rad | ratio to the row above"
-    exact = f"With a communication step of one period ({1e3 * PERIOD:g} ms) the hub agrees with Python's loop within"
+    exact = (f"With a communication step of one period ({1e3 * PERIOD:g} ms) the hub angle agrees with Python's loop "
+             "within")  # fmt: skip
     return {
         "bits": table("arm | periods | compared numbers | differing numbers", bits),
         "steps": table(

@@ -519,16 +519,17 @@ def finding(found: pages.Found) -> str:
     coarse = quickest(own["timed"], ("random",), 1.0, "alone")
     best = min((error_of(row) for row in own["rows"]), default=np.nan)
     if words:
-        text = (f"On `FlexibleArm-v0` MuJoCo's fastest chain with an error within 2 % of L under both kinds of "
-                f"torque takes longer than the package's fastest default: {', '.join(words)}.")  # fmt: skip
+        text = ("On `FlexibleArm-v0` the package's fastest default is faster than MuJoCo's fastest chain with an error "
+                "of at most 2 % of L under both kinds of torque. MuJoCo's chain takes "
+                f"{', '.join(words)}.")  # fmt: skip
     else:
         text = (f"On `FlexibleArm-v0` no setting of MuJoCo within {LONGEST:g} µs a period reaches 2 % under both kinds "
                 "of torque.")  # fmt: skip
     text += f" The smallest error of MuJoCo's chains under both kinds of torque is {best:.2g} %."
     if coarse is not None:
         gyms = ", ".join(f"{row['gym']:.3g} µs ({row['label']}, error {row['random']:.2g} %)" for row in own["ours"])
-        text += (f" At a coarse accuracy MuJoCo is fast: under random torques alone one arm in C takes "
-                 f"{coarse['alone']:.3g} µs with an error of {coarse['random']:.2g} %; the package's Gymnasium "
+        text += (f" At a coarse accuracy MuJoCo is fast: under random torques alone, one arm in C takes "
+                 f"{coarse['alone']:.3g} µs with an error of {coarse['random']:.2g} %. The package's Gymnasium "
                  f"environments take {gyms}.")  # fmt: skip
     return text
 

@@ -85,7 +85,7 @@ class AroundControllerVector(VectorWrapper[Any, Any, Any, Any, Any]):
         self._ended = np.zeros(env.num_envs, np.bool_)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Reset all environments, or those in options["reset_mask"], and the controller in the same environments."""
+        """Reset all environments, or those that options["reset_mask"] selects, together with their controllers."""
         seen, info = self.env.reset(seed=seed, options=options)
         mask = (options or {}).get("reset_mask")
         if mask is None or self._seen is None:

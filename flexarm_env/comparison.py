@@ -14,12 +14,12 @@ from flexarm_env.accuracy import common_instants
 
 @dataclass(frozen=True)
 class TipError:
-    """Errors of a run relative to a reference solution, at the instants that both contain.
+    """Errors of a run relative to a reference solution, at the instants that run and reference have in common.
 
     max_tip_error, rms_tip_error: largest and root-mean-square distance of the tip from the reference tip, m.
     max_tip_angle_error, max_start_angle_error: largest error of the tip's and of the root's angle, rad. time_of_max:
-    instant of the largest tip error, s. instants: number of compared instants. An error is NaN if the reference does
-    not have its column.
+    instant of the largest tip error, s. instants: number of compared instants. An error is NaN if the reference lacks
+    the column of the compared quantity.
     """
 
     max_tip_error: float

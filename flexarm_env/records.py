@@ -145,7 +145,7 @@ def _required(kind: Any) -> list[str]:
 def described(kind: type[T]) -> type[T]:
     """Append the declared fields, with description, unit and bounds, to the arguments in the docstring of a class.
 
-    A description in the docstring replaces that of the field.
+    A description in the docstring replaces the description in the field's declaration.
     """
     text = inspect.cleandoc(kind.__doc__ or "")
     lines = [] if "\nArgs:\n" in text else ["", "Args:"]
@@ -194,7 +194,7 @@ class Flag(NamedTuple):
 
 
 def flags(kind: Any) -> list[Flag]:
-    """Return a flag for each field whose value is a number, a text, a word or True or False."""
+    """Return a flag for each field whose value is a number, a text, one of several words, or a boolean."""
     found = []
     for name, rule in rules(kind).items():
         parsed, metavar = (str, "NAME") if "enum" in rule.json else PARSED.get(rule.json.get("type", ""), (None, ""))
@@ -248,8 +248,8 @@ def _by_type(words: str) -> Schema:
 def by_key(cases: Mapping[str, Schema], otherwise: Schema) -> Schema:
     """Return the schema of a table whose form depends on its keys.
 
-    The first key of `cases` that the table has selects a schema. A validator then reports an error within a table, and
-    not only that no schema matches.
+    The first key of `cases` that the table has selects a schema. With this schema a validator reports the error within
+    the table, and not only that no schema matches.
     """
     found = otherwise
     for key, one in reversed(list(cases.items())):

@@ -1,8 +1,9 @@
 """Static equilibrium of scenes that start at rest under their loads, by pseudo-transient continuation.
 
-Each step of the time integration begins with zero velocity and solves M c (q - q_0) + f(q) = 0 with the coordinates q_0
-before the step; c decreases as the step becomes longer. The first steps are short and reduce the energy. The last steps
-are long and equal Newton steps for f = 0.
+Each step of the time integration begins with zero velocity. It solves M c (q - q_0) + f(q) = 0 for the coordinates q,
+with the mass matrix M, the static forces f and the coordinates q_0 before the step. The factor c decreases as the step
+becomes longer. The first steps are short and reduce the energy. The last steps are long and equal Newton steps for f =
+0.
 """
 
 from dataclasses import replace

@@ -69,12 +69,12 @@ def quaternions(A: Any) -> Array:
 
 
 def vectors(A: Any) -> Array:
-    """Return the rotation vectors (..., 3), rad, of length at most pi, of rotation matrices (..., 3, 3)."""
+    """Return the rotation vectors (..., 3), with lengths of at most pi rad, of rotation matrices (..., 3, 3)."""
     return of_quaternions(quaternions(A))
 
 
 def of_quaternions(p: Array) -> Array:
-    """Return the rotation vectors (..., 3), rad, of length at most pi, of quaternions (..., 4) with w >= 0."""
+    """Return the rotation vectors (..., 3), with lengths of at most pi rad, of quaternions (..., 4) with w >= 0."""
     sine = np.sqrt((p[..., 1:] ** 2).sum(axis=-1))
     angle = 2.0 * np.arctan2(sine, p[..., 0])
     # angle over sine of half of it; 2 in the limit of small angles

@@ -248,8 +248,8 @@ class GymnasiumVecEnv(VecEnv):
         """Call a method of the environments in `indices`; return the list of results.
 
         "reset" resets only these environments; its arguments are seed (environment i has the seed `seed` + i) and
-        options. "render" renders only these environments. If another method of the vector environment has a parameter
-        `indices`, it receives the indices.
+        options. "render" renders only these environments. Any other method receives the indices if the method has a
+        parameter `indices`.
 
         Raises:
             ValueError: `indices` selects some environments, but the method acts on all environments.

@@ -6,8 +6,8 @@ The classes are frozen, validated dataclasses. Every sensor measures one or more
 
 F is a low-pass filter of order 1 or 2 with static gain 1. Gain and bias are constant, or drawn at random for each
 episode. The noise of each reading is an independent, normally distributed number. Sensors are read at control instants,
-or at the samples of a trajectory. Between two readings u is interpolated linearly; filter and delay are exact for the
-interpolated u. Before an episode u is constant.
+or at the samples of a trajectory. Between two readings the measured quantity u is interpolated linearly; filter and
+delay are exact for the interpolated u. Before an episode u is constant.
 """
 
 from __future__ import annotations
@@ -147,7 +147,7 @@ class Encoder(Law):
             raise check.InvalidValue("quantum", self.quantum, "must not be given together with counts")
 
     def behind(self, ratio: float) -> Encoder:
-        """Return the encoder with its resolution on the output side of a gear with the ratio `ratio`."""
+        """Return the encoder with its resolution converted to the output side of a gear with the ratio `ratio`."""
         # on the motor's side an angle of the joint is ratio times finer
         if self.side == "link" or self.counts is None:
             return self
@@ -165,10 +165,10 @@ class StrainGauge(Law):
     """Strain gauge that measures the bending of a link at one place; in space also torsion and out-of-plane bending.
 
     The reading is the curvature (1/m), or the strain, which is the curvature times `distance`. With measures="xy" the
-    gauge measures the curvature in the x-y plane, positive if the link bends towards y; with "xz" the curvature in the
-    x-z plane, positive towards z; with "torsion" the twist per length, positive about x. In the plane only "xy" is
-    possible. The default `distance` is sqrt(3 J / m), half the thickness of a rectangular section with mass per length
-    m and rotary inertia per length J; for "xz" it is sqrt(3 J_y / m).
+    gauge measures the curvature in the x-y plane, positive if the link bends towards y. With "xz" the measured quantity
+    is the curvature in the x-z plane, positive towards z, and with "torsion" the twist per length, positive about x. In
+    the plane only "xy" is possible. The default `distance` is sqrt(3 J / m), half the thickness of a rectangular
+    section with mass per length m and rotary inertia per length J; for "xz" it is sqrt(3 J_y / m).
     """
 
     link: int = integer("number of the link, from 0", 0, minimum=0)
@@ -195,7 +195,7 @@ class StrainGauge(Law):
     def per_curvature(self, m: float, J: float) -> float:
         """Return the ratio reading / curvature for a section with mass m (kg/m) and rotary inertia J (kg m) per length.
 
-        If the gauge measures curvature, the ratio is 1. If it measures strain, the ratio is `distance`, m.
+        If the gauge measures curvature, the ratio is 1. If the gauge measures strain, the ratio is `distance`, m.
         """
         if self.unit == "curvature":
             return 1.0
@@ -220,10 +220,11 @@ def surface(m: float, J: float) -> float:
 class Accelerometer(Law):
     """Accelerometer at the arm's tip: specific force, m/s^2, along the tip's tangent (x) and normal to it (y).
 
-    The specific force is the acceleration minus gravity. In space it has three components along the tip's axes. The
-    measured quantity is the specific force in the tip's axes, averaged over the time since the previous reading. In
-    free fall it is 0. In a steady rotation at rate w with the radial tip at radius r, it is -w^2 r along x and 0 along
-    y. The first reading assumes a constant velocity in the tip's axes; for an arm at rest it is minus gravity.
+    The specific force is the acceleration minus gravity. In space the specific force has three components along the
+    tip's axes. The measured quantity is the specific force in the tip's axes, averaged over the time since the previous
+    reading. In free fall the specific force is 0. In a steady rotation at rate w, with a tip at radius r that points
+    radially outwards, the specific force is -w^2 r along x and 0 along y. The first reading assumes a constant velocity
+    in the tip's axes, so for an arm at rest the first reading is minus gravity.
     """
 
 
@@ -238,8 +239,8 @@ class Camera(Law):
     """Camera: tip position, m, along inertial axes; in space also two angles, rad, of the tip's x axis.
 
     The first angle is the elevation of the tip's x axis from the inertial x-z plane towards y; the second is its
-    elevation from the x-y plane towards z. Both are between -pi/2 and pi/2. The first picture arrives at t = 0. A
-    picture that arrives at the time t shows the tip at t - delay.
+    elevation from the x-y plane towards z. Both angles are between -pi/2 and pi/2. The first picture arrives at t = 0.
+    A picture that arrives at the time t shows the tip at t - delay.
     """
 
     period: float | None = number(
@@ -321,7 +322,7 @@ class Sensors:
         """Return a dict from the names of an arm's readings, in order, to pairs (key path, sensor).
 
         Names are those of `Trajectory.measured`. Key paths begin after the key "sensors". The encoders' resolution is
-        that on the output side of the gear.
+        converted to the output side of the gear.
         """
         found: dict[str, tuple[str, Law]] = {}
         # encoders, then sensors of the tip, then gauges

@@ -81,7 +81,7 @@ _PAIR = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems"
 
 
 def expand_preset(formulation: str, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-    """Replace the name of a preset by its formulation and options, which ``options`` override.
+    """Replace the name of a preset by its formulation and its options; ``options`` override the preset's options.
 
     The name of a formulation is returned unchanged, with ``options``.
     """
@@ -126,14 +126,15 @@ class Settings:
             (1995); the default with multipliers. On very stubby links (EI / (C L^2) = 0.025) "chord" causes an error of
             4e-5 of the length, which no mesh reduces.
         period_correction: True to correct the period error of the time integration in each step (geometrically_exact,
-            default False; always True for the elastica). A step is not corrected if the correction exceeds 3 % of the
-            arm's length, or if no Newton increment is below both 1 % of the length and the root of the tolerance.
+            default False; always True for the elastica). A step is not corrected in two cases: the correction exceeds 3
+            % of the arm's length, or no Newton increment is below the smaller of 1 % of the length and the square root
+            of the tolerance.
         step_tolerance: permitted error of the tip, divided by the arm's length, in each control period of an
             environment or each interval between samples and kinks of a scene. dt is then the longest step, which is
             halved up to five times. The error is estimated from the links' tips in steps of h and h/2. If five halvings
             do not suffice, `Trajectory.step_error` and info report the remaining error. The estimate does not contain
-            errors of motors with elastic gears, of late reversals of Coulomb friction, or of the mesh. The value must
-            be at least `tolerance`. None (default): constant dt.
+            errors of motors with elastic gears, of late reversals of Coulomb friction, or of the mesh. `step_tolerance`
+            must be at least `tolerance`. None (default): constant dt.
     """
 
     formulation: str = choice(FORMULATIONS, 'beam formulation; "paper" selects the solver of Meek & Liu (1995)')
@@ -260,7 +261,7 @@ class Settings:
 
     @property
     def period_error(self) -> float:
-        """Coefficient kappa: the integration multiplies a vibration period by 1 + kappa (omega h)^2 for the step h."""
+        """Coefficient kappa: steps h multiply the period of a vibration of frequency omega by 1 + kappa (omega h)^2."""
         # Newmark, e = gamma - 1/2: kappa = beta/2 - 1/24 - e/4 + e^2/8, at least 0
         # generalized-alpha: kappa = 1/12 + 3/8 ((1 - rho_inf)/(1 + rho_inf))^2
         if self.newmark is not None:
@@ -279,7 +280,7 @@ class Settings:
         return Settings.make(self.formulation, **merged(self.options(), options))
 
     def dividing(self, period: float | None) -> Settings:
-        """Return settings with the longest step of at most dt of which `period`, s, is a multiple; `self` for None."""
+        """Return settings with the longest step that is at most dt and divides `period`, s; `self` for None."""
         if period is None:
             return self
         assert self.dt is not None
@@ -300,7 +301,7 @@ def steps_in(time: float, dt: float) -> int:
 
 
 def merged(base: dict[str, Any], options: dict[str, Any]) -> dict[str, Any]:
-    """Return ``base`` with the values of those ``options`` that are not None, and without entries that they exclude.
+    """Update ``base`` with the ``options`` that are not None; remove entries that these options exclude.
 
     `modes` and the mesh options exclude each other, and so do `newmark` and `rho_inf`. `multipliers` excludes `frame`.
     """

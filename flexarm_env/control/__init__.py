@@ -7,8 +7,8 @@
     controller.reset(observation)
     action = controller.act(observation)
 
-All controllers read only the environment's observation. They are designed for the nominal arm, and their torques are
-within its torque limits.
+All controllers read only the environment's observation. The controllers are designed for the nominal arm, and their
+torques stay within the arm's torque limits.
 """
 
 from .base import Controller, Setup

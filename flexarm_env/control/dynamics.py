@@ -40,9 +40,9 @@ AT_ONCE = 1024
 class Dynamics:
     """Discrete dynamics x' = f(x, u) of an arm over one control period.
 
-    x (m, S): coordinates q, then their rates. The coordinates of a link are the tangent angles at its nodes, rad: the
-    first one, the joint angle, relative to the tip of the previous link, all others absolute. u (m, N): torques divided
-    by their limits, in [-1, 1].
+    x (m, S): coordinates q, then their rates. The coordinates of a link are the tangent angles at its nodes, rad. The
+    first one is the joint angle, relative to the tip of the previous link; all others are absolute angles. u (m, N):
+    torques divided by their limits, in [-1, 1].
 
     arm: the arm, or its name or TOML file; rotors, gears, friction and limits of its joints are ignored. period:
     control period, s. nodes: number of nodes per link. step: longest solver step, s; None: the class attribute `step`.
@@ -100,7 +100,7 @@ class Dynamics:
         return cls(arm, period, nodes, step)
 
     def finer(self, period: float) -> "Dynamics":
-        """Return dynamics with another period, s, and step; in the plane with twice as many nodes if possible."""
+        """Return dynamics with another period and step, s; arms in the plane get twice as many nodes if possible."""
         return Dynamics(self.arm, period, max(self.nodes, min(MOST_IN_PIECE, 2 * self.nodes)), period)
 
     def in_steps(self, step: float) -> "Dynamics":
@@ -164,7 +164,7 @@ class Dynamics:
         return x, np.zeros((len(x), self.n_inputs))
 
     def begun(self, start: Array, goal: Array, periods: int) -> Array:
-        """Return an initial guess of the controls (T, n, N) from start to goal states (n, S): zero torques."""
+        """Return zero torques as initial guess of the controls (T, n, N) from initial to goal states (n, S)."""
         return np.zeros((periods, len(start), self.n_inputs))
 
     def inertia(self, angles: Array) -> Array:
@@ -198,7 +198,7 @@ class Dynamics:
         return np.stack([cosine.sum(-1), sine.sum(-1)], axis=-1), slope
 
     def bends(self, x: Array) -> tuple[Array, Array]:
-        """Return the tip deflections divided by length (..., N) and their derivative (..., N, S)."""
+        """Return each link's tip deflection divided by its length, (..., N), and the derivative by x (..., N, S)."""
         # sum over a link's nodes of weight times sin(phi - phi_root)
         phi = x[..., : self.half] @ self._angles.T
         roots = np.repeat(phi[..., self.joints], self.nodes, axis=-1)
@@ -232,7 +232,7 @@ class Dynamics:
 
     def corrected(self, x: Array, outputs: Array) -> Array:
         """Change states x (m, S) so that they have the measured outputs (m, 4 N), see `outputs`.
-        The correction turns links at their joints, and adds the shape of a link under a static force at its tip.
+        The correction turns the links at their joints, and adds bending in the shape that a static tip force causes.
         """
         half, out = self.half, x.copy()
         angle, rate, bend, bend_rate = np.split(outputs, 4, axis=1)
@@ -312,9 +312,10 @@ NEWTON = 8
 class SpatialDynamics(Dynamics):
     """`Dynamics` of an arm in space on a fixed base, under gravity (x, y, z), m/s^2.
 
-    The coordinates of a link are its joint angle, and the coefficients of its strains: `nodes` - 1 polynomials each for
-    torsion and for bending about y and z. Deflections are the flexible links' tip deflections along y, then along z,
-    divided by their lengths, then twists, rad.
+    The coordinates of a link are its joint angle and the polynomial coefficients of its strains: `nodes` - 1
+    coefficients each for torsion, for bending about y and for bending about z. The array of deflections consists of the
+    flexible links' tip deflections along y and then along z, divided by the links' lengths, followed by the links'
+    twists, rad.
     """
 
     usual_nodes, halvings, bare = 3, 3, staticmethod(bare_in_space)
@@ -339,7 +340,7 @@ class SpatialDynamics(Dynamics):
         return SpatialDynamics(self.arm, period, self.nodes, self.gravity or (0.0, 0.0, 0.0))
 
     def still(self, angles: ArrayLike) -> tuple[Array, Array]:
-        """Compute states at rest and torques, as `Dynamics.still`, by Newton's method for one control period."""
+        """Return states at rest and torques as `Dynamics.still` does, by Newton's method on one control period."""
         x, n = self.unbent(angles), self.n_inputs
         u, half = np.zeros((len(x), n)), self.half
         u[:] = weight_and_inertia(self.arm, np.array(self.gravity), x[:, self.joints])[0] / self.limits
@@ -361,12 +362,12 @@ class SpatialDynamics(Dynamics):
         return x
 
     def homing(self, x: Array, u: Array) -> Array:
-        """Return gains K (m, N, S) of regulators u - K dx with little effort, about rest at x (m, S) with torques u."""
+        """Return gains K (m, N, S) of low-gain regulators u - K dx about rest at x (m, S) with holding torques u."""
         stage, R = self.stage_weight(GENTLE), np.eye(self.n_inputs)
         return np.stack([riccati(A, B, stage, R)[0] for A, B in zip(*self.jacobians(x, u), strict=True)])
 
     def begun(self, start: Array, goal: Array, periods: int) -> Array:
-        """Return a guess of the controls (T, n, N) by regulators (`homing`); under constant torques the arm falls."""
+        """Return the torques (T, n, N) of regulators (`homing`) as initial guess; constant torques let the arm fall."""
         home, held = self.still(goal[:, self.joints])
         K, x, controls = self.homing(home, held), start, np.zeros((periods, *held.shape))
         for k in range(periods):

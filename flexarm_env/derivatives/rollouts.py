@@ -79,7 +79,7 @@ class Rollout:
             states: gradient of the scalar by the states, (T + 1, n, S); None means zero.
             observations: gradient of the scalar by the observations, (T, n, O); None means zero.
             rewards: gradient of the scalar by the rewards, (T, n); None means zero. If the scalar is a weighted sum of
-                rewards, this is the array of weights.
+                rewards, `rewards` is the array of weights.
         """
         by_states = _given("states", states, self.states.shape)
         by_seen = _given("observations", observations, self.observations.shape)

@@ -39,8 +39,8 @@ class Conditions:
     ) -> Attainable | None:
         """Return the conditions on random targets; None if every possible target is attainable or the base floats.
 
-        gravity: acceleration of gravity, m/s^2. task: the task's record. extras: the `Extras` of the environment.
-        Raises ValueError if none of `SAMPLES` random targets is attainable.
+        gravity: acceleration of gravity, m/s^2. task: constants of the task. extras: further features of the
+        environment (`Extras`). Raises ValueError if none of `SAMPLES` random targets is attainable.
         """
         if arm.base is not None:
             return None
@@ -171,8 +171,8 @@ class ConditionsInSpace(Conditions):
     def first_lost(self, arm: Arm, task: Task, begin: np.ndarray, points: np.ndarray) -> int | None:
         """Return the index of the first point (n, 3), m, at which the arm leaves its joint limits, or None.
 
-        The arm starts at the middles of the ranges `begin` (N, 2), rad. If it leaves its limits, `TRIED` random starts
-        are tried, too, and the largest index is returned.
+        The arm starts at the middles of the ranges `begin` (N, 2), rad. If the arm leaves its limits, `TRIED` random
+        initial angles are tested, too, and the largest index is returned.
         """
         if arm.joint_limits is None:
             return None

@@ -39,13 +39,13 @@ def framed(
     frame: Frame, value: Any, task: str, duration: float, given: Mapping[str, Any],
     drawn: Mapping[str, tuple[float, float]], changing: PayloadChange | None,
 ) -> Frame:  # fmt: skip
-    """Return the frame with contacts, and with a time step so short that every impact lasts at least `STEPS` steps.
+    """Add contacts to a frame, with a time step so short that every impact lasts at least `STEPS` steps.
 
-    If the user gives no `dt`, a control period is divided into enough steps, at most `MOST_STEPS`. The Newton tolerance
-    decreases with the square of the step. The number of steps follows from the lightest and softest arm that may be
-    drawn. value: keyword `contacts`: one or several `Contact` or tables; None for no contacts. task: task of the
-    environment. duration: longest episode, s. given: the user's solver options. drawn: ranges of randomized factors by
-    name. changing: the payload change, or None.
+    If the user gives no `dt`, a control period is divided into as many steps as this requires, at most `MOST_STEPS`.
+    The Newton tolerance decreases with the square of the step. The number of steps follows from the lightest and
+    softest arm that may be drawn. value: keyword `contacts`: one or several `Contact` or tables; None for no contacts.
+    task: task of the environment. duration: longest episode, s. given: the user's solver options. drawn: ranges of
+    randomized factors by name. changing: change of the payload during an episode, or None.
 
     Raises:
         ValueError: a contact is invalid; the message names the key path, the value and the rule.
@@ -71,7 +71,7 @@ def framed(
 
 
 def with_rows(modes: Array, contacts: tuple[Contact, ...], behind: int) -> Array:
-    """Insert rows of zeros for moving obstacles, whose coordinates follow the arm's, in a table of initial rates.
+    """Insert rows of zeros for moving obstacles, after the arm's rows, in a table of initial rates.
 
     behind: number of rows after the rows of zeros.
     """
@@ -84,7 +84,7 @@ DRAWS = 50
 
 
 def free_starts(frame: Frame, task: Task, starts: Starts, targets: bool) -> Starts:
-    """Return ranges of initial states that are drawn again while the arm touches an obstacle.
+    """Return ranges of initial states; states in which the arm touches an obstacle are drawn again.
 
     targets: True if targets inside obstacles are drawn again, too.
 

@@ -31,7 +31,7 @@ def permitted(path: str, env_id: Any, env_kwargs: Any, named: str | None = None)
     """Validate the environment id and the keywords in a file, and return both.
 
     Args:
-        path: name of the id in messages. named: an id that is also permitted, because the user named it.
+        path: key path of the id in error messages. named: id that the user has named, which is permitted, too.
     Raises:
         ValueError: the id is neither this package's own nor `named`, or an id of this package has unknown keywords.
     """

@@ -35,7 +35,7 @@ WHAT = "must be a named motion, a table (n, 2 to 4), a .csv or .toml file, a Tim
 class Prescribed:
     """Prescribed joint motions of an episode.
 
-    functions: pairs (joint, function of time). end: end of the motion, s. scene: the scene, if the user gave a scene.
+    functions: pairs (joint, function of time). end: end of the motion, s. scene: the user's scene, or None.
     """
 
     functions: tuple[tuple[int, TimeFunction], ...]
@@ -243,7 +243,7 @@ class Guide:
         )  # fmt: skip
 
     def start(self, batch: Batch, i: int) -> None:
-        """Start the motion with the parameters of arm i, after the batch has started its episode; observe the arm."""
+        """Start the motion with the parameters of arm i, whose episode has begun in the batch, and observe the arm."""
         self.bind(batch, i)
         self.simulation.par[:] = batch.parameters(i)
         self._run(batch, i, True)
@@ -274,7 +274,7 @@ class Guide:
         return reading_of(self.scene).start_angles(self.scene, self.simulation.observe()[0])
 
     def view(self, view: View) -> View:
-        """Return `view`, the `View` of the batch, with this arm's points, deflections and torques."""
+        """Return the batch's `view`, with points, deflections and torques replaced by those of this arm."""
         simulation, q = self.simulation, self.simulation.work.q
         deflection = reading_of(self.scene).bends(self.scene.arm, self.settings, view.poses, q)
         return replace(

@@ -75,7 +75,7 @@ Ctrl-C waits for one period, so the second limit bounds this wait to a fraction 
 
 
 class Given:
-    """Type of the default of arguments for which None has a meaning of its own."""
+    """Type of the default value of arguments for which None is a meaningful value."""
 
     def __repr__(self) -> str:
         return "<the arm's>"

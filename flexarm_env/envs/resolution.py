@@ -1,47 +1,51 @@
 """Choose an environment's default mesh, step and Newton tolerance, and estimate the tip's error with these settings.
 
-The rule below accepts or rejects settings for an arm. If it rejects the default settings (`options.DEFAULT_OPTIONS`),
-the step is divided by integers, and the mesh is refined, until the rule accepts the settings. Solver options that a
-user gives are never changed. Symbols: T control period, h step, L the arm's length, I inertia about a joint.
+The rule below accepts or rejects settings for an arm. If the rule rejects the default settings
+(`options.DEFAULT_OPTIONS`), the step is divided by integers and the mesh is refined until the rule accepts the
+settings. Solver options that a user gives are never changed. Symbols: T control period, h step, L the arm's length, I
+inertia about a joint.
 
-The error e_1 of small motions comes from linear theory (`small_motions`). It is the largest distance, divided by L,
-between the tip on the mesh in steps of h and the tip on a fine mesh with exact time integration. The motions last 100
-control periods with bang-bang torques, which are constant for 1 or for 8 periods. The linear model contains flexible
-links with jumps and tapers of their sections, payload, hub, rotors on elastic gears, and viscous friction. The inner PD
-loop, or the amplifier with its back-emf, acts at control instants. The model on the mesh also contains the errors of
-finite elements and of the time integration.
+The error e_1 of small motions comes from linear theory (`small_motions`). e_1 is the largest distance, divided by L,
+between the tips of two solutions: one on the mesh with steps of h, and one on a fine mesh with exact time integration.
+The motions last 100 control periods with bang-bang torques, which are constant for 1 or for 8 periods. The linear model
+contains flexible links with jumps and tapers of their sections, payload, hub, rotors on elastic gears, and viscous
+friction. The inner PD loop, or the amplifier with its back-emf, acts at control instants. The model on the mesh also
+contains the errors of finite elements and of the time integration.
 
 Large bending increases the error by the factor G = 1 + (theta / 0.55 rad)^3, where theta is the largest angle between
-the ends of a link in the small motions. The factor was fitted to random arms: their error is up to 4 e_1 for theta
-below 0.4 rad, and its median is 2, 6 and 20 e_1 for theta of 0.8, 1.2 and 2 rad. Above theta = 1.6 rad the search
+the ends of a link in the small motions. The factor G was fitted to the errors of random arms: at most 4 e_1 for theta
+below 0.4 rad, with medians of 2 e_1, 6 e_1 and 20 e_1 for theta of 0.8, 1.2 and 2 rad. Above theta = 1.6 rad the search
 begins with the second of `MESHES`, above 3 rad with the third.
 
 Coulomb friction T_C adds the error e_2 = sum of T_C h t / I over the joints. If a joint reverses within a step, its
 rate afterwards has an error of up to T_C h / I (docs/theory.md, section 6). The estimate assumes that this rate error
 acts on the position for t = 1 s.
 
-A fast turn causes the error e_3. For the exact beam in the plane, whose coordinates are positions, e_3 is kappa h^2
-times the time integral of Omega^3 with the angular velocity Omega of the links: a turn lags by the fraction kappa
-(Omega h)^2 (`Settings.period_error`). For all other formulations, whose coordinates are angles, e_3 is a tenth of this
-value, with the largest rate of an elbow without joint limits in place of Omega.
+A fast rotation causes the error e_3. The exact beam in the plane has positions as coordinates, so a rotation with
+angular velocity Omega lags by the fraction kappa (Omega h)^2 (`Settings.period_error`). For this beam e_3 is kappa h^2
+times the time integral of Omega^3. All other formulations have angles as coordinates. For these e_3 is a tenth of this
+value, where Omega is the largest rate of an elbow without joint limits.
 
-With backlash, omega_c h must be at most 0.3 (measured), so that steps resolve the contact in the gear. omega_c =
-sqrt(k (1/J + 1/I)) for a rotor of inertia J, an arm of inertia I and a gear of stiffness k. If the inner PD loop
-sustains a vibration ("chatters"), the search begins with steps that satisfy this condition, and trials shorten them.
+With backlash, steps must resolve the contact in the gear: omega_c h must be at most 0.3 (measured). The contact has the
+angular frequency omega_c = sqrt(k (1/J + 1/I)) for a rotor of inertia J, an arm of inertia I and a gear of stiffness k.
+If the inner PD loop sustains a vibration ("chatters"), the search begins with steps that satisfy the condition for
+backlash, and trials shorten these steps.
 
-For arms of several links, nonlinear trial episodes (`trials`) measure by which factor errors are amplified more than by
-G. The step and then the mesh are refined until the error of a trial is small. The estimate of the tip's error includes
-the error of the trial.
+In arms of several links, errors may grow by more than the factor G. Nonlinear trial episodes (`trials`) measure this
+additional growth. The step and then the mesh are refined until the error of a trial is small. The estimate of the tip's
+error includes the error of the trial.
 
-For several links with the formulation elastica, omega_3 h must be at most 0.45 (measured) if the third vibration, with
-the frequency omega_3, has a damping ratio below 0.1. With longer steps the energy of unresolved vibrations may grow.
+For elasticas with several links, let omega_3 be the angular frequency of the third vibration mode. If this mode has a
+damping ratio below 0.1, omega_3 h must be at most 0.45 (measured). With longer steps the energy of unresolved
+vibrations may grow.
 
 In space, tau L / (E EI) must be at most 2 rad (measured) for a torque tau and E elements per link, because the rotation
 vector of an element is not unique if the element turns by pi.
 
 For steps of at most half the default step, the Newton tolerance is the default tolerance times (h / default h)^2,
-because Newton increments decrease in this proportion. In space the tolerance is also multiplied by 100 I_min / I_max
-if this factor is below 1, as for arms with light last links.
+because Newton increments decrease in this proportion. In space the tolerance is also multiplied by the factor 100 I_min
+/ I_max if this factor is below 1, as for arms with light last links. I_min and I_max are the smallest and the largest
+inertia about a joint.
 
 The error bound is e = G e_1 + e_2. The default settings are kept if e <= `SmallMotions.kept` and e_3 <= `SPUN`.
 Otherwise the search looks for settings with e <= `AIM`. The error estimate is `MARGIN` G e_1 + `MARGIN_OF_FRICTION` e_2

@@ -172,7 +172,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
     def set_state(self, state: dict[str, Any]) -> None:
         """Set a complete state that `get_state` of this or an equal environment returned.
 
-        The following steps give bitwise the same results as after `get_state`.
+        Steps after `set_state` give bitwise the same results as steps after `get_state`.
         """
         self._free()
         check_state(self.batch, state)

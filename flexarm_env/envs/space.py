@@ -33,7 +33,7 @@ HEIGHTS = (0.2, 0.5)
 class Place(Target):
     """Type of targets that are positions of the tip in space, (x, y, z), m.
 
-    Records store a target as the joint angles at which the rigid arm reaches it.
+    The arm's `START` record stores a target as the joint angles at which the rigid arm reaches the target.
     """
 
     numbers = 3
@@ -96,7 +96,7 @@ class Place(Target):
     def narrowed(self, ranges: list[Pair], options: Mapping[str, Any], arm: Arm, path: str) -> list[Pair]:
         """Narrow the default ranges about their middles if joint limits exclude some of the paths; warn if so.
 
-        The widths are multiplied by the largest factor in `SHARES` with which all paths fit; if there is none,
+        The widths are multiplied by the largest factor in `SHARES` with which all paths fit. If no factor suffices,
         `InvalidValue` is raised. Ranges that the user gives are not changed.
         """
         names = [name for name, _ in self.paths[path]]
@@ -120,8 +120,8 @@ class Place(Target):
     def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
         """Raise `InvalidValue` if a path of the ranges leaves the reach or the joint limits.
 
-        The check samples points of circles, and the points of straight paths that are nearest to the root, at the
-        middles and ends of the ranges.
+        The check evaluates paths at the middles and ends of the ranges. On a circle it samples several points, on a
+        straight path only the point nearest to the root.
         """
         distance, _, (_, radius), *turns = ranges
         bearing, elevation = (np.linspace(*pair, 5) for pair in turns)
@@ -158,7 +158,7 @@ class OnWallInSpace(Place):
         self.wall, self.duration = wall, duration
 
     def ranges(self, arm: Arm, path: str) -> list[Pair]:
-        """Return ranges of a path: distance (m), time (s), speed (m/s), bearing, elevation (rad), height, force (N).
+        """Return ranges of distance (m), time (s), speed (m/s), bearing and elevation (rad), height (m), force (N).
 
         The height of a path's middle is measured from the wall's point nearest to the root, upwards along the wall.
         """
@@ -201,7 +201,7 @@ class OnWallInSpace(Place):
         return found
 
     def record(self, arm: Arm) -> type[Task]:
-        """Return the class of the task's record for an arm."""
+        """Return the class that contains the task's constants for an arm."""
         return SpacePress
 
 

@@ -21,25 +21,26 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     geometrically exact beams, which bend in both planes, twist, stretch and shear (docs/theory.md, section 9); the
     formulation "floating_frame" is available, too.
 
-    The default arm, `three_dof` (after shamilmamedov/flexible_arm), has three links: a rigid column of 0.15 m, which
-    turns about the vertical z axis (yaw), and two steel strips of 0.5 m length, 50 mm width and 2 mm thickness, which
-    turn about horizontal axes at shoulder and elbow (pitch). At joint angles 0 the arm is upright. `three_dof` has no
-    payload; the arm `three_dof_loaded` carries 0.1 kg. L, the sum of the lengths, is 1.15 m.
+    The default arm, `three_dof` (after shamilmamedov/flexible_arm), has three links. The first link is a rigid column
+    of 0.15 m, which turns about the vertical z axis (yaw). The two other links are steel strips of 0.5 m length, 50 mm
+    width and 2 mm thickness, which turn about horizontal axes at shoulder and elbow (pitch). At joint angles 0 the arm
+    is upright. `three_dof` has no payload; the arm `three_dof_loaded` carries 0.1 kg. L, the sum of the lengths, is
+    1.15 m.
 
     `gymnasium.make("SpatialFlexArm-v0")` creates one arm. `gymnasium.make_vec("SpatialFlexArm-v0", num_envs=n)` creates
-    n arms that one compiled call advances. Each of them gives bitwise the same results as a single arm. The id
+    n arms that one compiled call advances. Each arm gives bitwise the same results as the single environment. The id
     `flexarm_env:SpatialFlexArm-v0` also works if the package has not been imported.
 
     ## Action space
 
     `Box(-1, 1, (N,), float32)`: joint torques divided by their limits (20, 10 and 10 N m for the default arm). The
-    torques are constant over one control period. Actions beyond +-1 are clipped. NaN or infinity ends the episode
-    (`action_not_finite`).
+    torques are constant over one control period. Actions beyond +-1 are clipped. An action with NaN or infinity ends
+    the episode (`action_not_finite`).
 
     ## Observation space
 
-    `Box` of 3 N + 6 F + 6 float32 in +-10 (sines and cosines in +-1), where F is the number of flexible links. The
-    default arm has 27 entries. Each entry is divided by its scale and clipped to the bounds.
+    `Box` of 3 N + 6 F + 6 float32 entries in +-10 (sines and cosines in +-1), where F is the number of flexible links.
+    The default arm has 27 entries. Each entry is divided by its scale and clipped to the bounds.
 
     | # | entry | scale | unit |
     |---|---|---|---|
@@ -52,9 +53,9 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     | the last six | tip velocity, x, y, z | w_0 L | m/s |
     | | vector from tip to target, x, y, z | 0.5 L | m |
 
-    - w_k = sqrt(tau_k pi/2 / I_k). tau_k is the torque limit of joint k. I_k is the inertia about joint k of the arm
-      between this joint and the tip, straight and at a right angle to the joint's axis. For the default arm w_0 =
-      8.518, w_1 = 7.738 and w_2 = 21.887 rad/s.
+    - w_k = sqrt(tau_k pi/2 / I_k). tau_k is the torque limit of joint k. I_k is the inertia about joint k of all links
+      from this joint to the tip, if they are straight and at a right angle to the joint's axis. For the default arm
+      w_0 = 8.518, w_1 = 7.738 and w_2 = 21.887 rad/s.
     - The last six entries are components along the axes of the root of link 0, which turn with the first joint.
     - The deflections of a link are the components of (tip - root) along the y and z axes of the link's root. The twist
       of a link is the x component of the rotation vector from the axes of the link's root to the axes of the link's
@@ -73,10 +74,10 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     ## Starting state
 
     The arm is at rest with straight, stress-free links. In half of the episodes all joint angles are 0. In the other
-    half they are random: the first between -1 and 1 rad, all others between -3.6/N and 3.6/N rad. The target is the
-    tip's position of the rigid arm at other random joint angles: the first between -2 pi/3 and 2 pi/3 rad, all others
-    between -3.6/N and 3.6/N rad. All distributions are uniform, within the joint limits. A target is drawn again if the
-    motors cannot hold the arm there.
+    half the joint angles are random: the first between -1 and 1 rad, all others between -3.6/N and 3.6/N rad. The
+    target is the tip's position of the rigid arm at other random joint angles: the first between -2 pi/3 and 2 pi/3
+    rad, all others between -3.6/N and 3.6/N rad. All distributions are uniform, within the joint limits. A target is
+    drawn again if the motors cannot hold the arm there.
 
     ## Episode end
 
@@ -107,7 +108,7 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     | `task` | "reach" | or "track": moving target; "replay": prescribed motion; "press": see options |
 
     [Options in space](options.md#options-in-space) describes how arguments differ in space. [Limits in
-    space](spatial_limits.md) lists the features that are not available there; they raise an error.
+    space](spatial_limits.md) lists the features that are not available in space and raise an error.
 
     ## Version history
 

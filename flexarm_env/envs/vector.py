@@ -84,7 +84,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
 
     @property
     def guides(self) -> Mapping[int, Guide]:
-        """For each arm with a prescribed motion, by its index, the `Guide` that simulates it."""
+        """Dict from the index of each arm with a prescribed motion to the `Guide` that simulates this arm."""
         return self._guides
 
     # --- gymnasium ---------------------------------------------------------------------------------

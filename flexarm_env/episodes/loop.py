@@ -126,7 +126,7 @@ class Actions(Policy):
         self.k = 0
 
     def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the next actions; after the last actions, return these again."""
+        """Return the next actions; after the end of the sequence, return the last actions again."""
         self.k += 1
         now: NDArray[np.float32] = self.actions[min(self.k, len(self.actions)) - 1].astype(np.float32)
         return now

@@ -71,10 +71,10 @@ def import_arm(
 
     Args:
         root: body in which the chain begins, if the file has several mechanisms.
-        tip: body or site at the arm's tip. None: the body or site on the last link that is farthest from its joint, or
-            the link's center of mass if the link has no such point.
-        flexible: sections by the name of a body of the link. The link keeps its mass, distributed evenly along the line
-            from joint to joint: the section's m and J are scaled accordingly.
+        tip: body or site at the arm's tip. None: the body or site of the last link with the largest distance from this
+            link's joint, or the link's center of mass if it has no body or site of this kind.
+        flexible: sections by the name of a body of the link. A flexible link keeps its mass, distributed evenly along
+            the line from joint to joint: the section's m and J are scaled accordingly.
         tau_d: damping time of the flexible links, s.
         gear_ratio: gear ratio assumed for joints with armature; the motor inertia is then armature / gear_ratio^2.
     Raises:

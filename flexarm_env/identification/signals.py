@@ -103,14 +103,14 @@ def ringing(t: Array, y: Array, low: float = 0.0, high: float = np.inf) -> Ringi
 def free_decay(t: Array, y: Array, *, periods: float = 4.0, high: float = np.inf) -> list[Ringing]:
     """Measure how frequency and damping of a decaying vibration depend on its amplitude.
 
-    The record is divided into intervals. The result has one `Ringing` for each interval, the largest amplitude first.
+    The signal is divided into intervals. The result has one `Ringing` for each interval, the largest amplitude first.
 
     Args:
         t (n,): instants, s, evenly spaced. y (n,): vibration signal, in any unit. periods: number of vibration periods
             in each interval.
         high: upper limit of the vibration's frequency, Hz.
     Raises:
-        ValueError: the record has fewer than two intervals, or no vibration.
+        ValueError: the signal has fewer than two intervals, or no vibration.
     """
     t, y = check.column("t", t, "s"), check.column("y", y)
     if len(t) != len(y) or len(t) < 20:

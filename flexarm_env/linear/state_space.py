@@ -32,11 +32,11 @@ class LinearModel:
     Attributes:
         A (2n, 2n), B (2n, m), C (p, 2n), D (p, m): matrices of the model.
         states: names of the states, in SI units: n independent coordinates ("joint0", ...), then their rates
-            ("joint0_rate", ...). In space the states of a section's rotation ("link0.rx1", ...) are increments in the
-            section's own axes, which are 0 at the operating point, and the angular velocity in these axes.
-        inputs: names of the inputs: "torque0", ..., the torques of the joints that can turn and are not prescribed, N
-            m. With the option `motions`, the accelerations of prescribed coordinates follow, "joint0_acceleration",
-            ..., rad/s^2 or m/s^2.
+            ("joint0_rate", ...). In space the states of a section's rotation ("link0.rx1", ...) are a rotation
+            increment, which is 0 at the operating point, and the angular velocity, both in the section's own axes.
+        inputs: names of the inputs: "torque0", ..., the torques, N m, of all joints that can turn and have no
+            prescribed motion. With the option `motions`, further inputs are the accelerations of prescribed
+            coordinates, "joint0_acceleration", ..., rad/s^2 or m/s^2.
         outputs: names of the outputs: joint angles "joint0", ... (rad) and their rates; deflections "deflection0", ...
             (displacement of each link's tip normal to the tangent at its root, m) and their rates; "tip_x", "tip_y"
             (m). Elastic gears add "motor0", "motor0_rate", ...; the argument `gauges` adds "curvature0@0", ... (1/m).
@@ -46,7 +46,7 @@ class LinearModel:
             state one period later.
         t: time of the operating point, s. dt: period, s; None for a continuous model.
         growing: number of unstable modes of the continuous model with free joints; 0 if the model is stable.
-            Eigenvalues of A that are 0 except for round-off do not count.
+            Eigenvalues of A that would be 0 without round-off do not count.
     """
 
     A: Array
@@ -157,8 +157,7 @@ def simulation_of(
 ) -> Simulation:
     """Return the target if it is a Simulation; for a Scene create a Simulation at its initial state.
 
-    period: duration, s, of which the time step of the new Simulation is a fraction 1 / k with integer k; None: no
-    condition.
+    period: duration, s. The time step of the new Simulation is period / k with an integer k; None: no condition.
     """
     if isinstance(target, Simulation):
         given = options if formulation is None else {"formulation": formulation, **options}

@@ -250,8 +250,8 @@ class Session:
     def skip(self, periods: int) -> None:
         """Count control periods that passed without a step of the arm.
 
-        If more periods passed than the watchdog allows, hold the arm and drop any command that has arrived in the
-        meantime, because such a command was computed for a past instant.
+        If more periods passed than the watchdog allows, hold the arm. Drop any command that has arrived in the
+        meantime, because this command was computed for a past instant.
         """
         self.silent += periods
         if periods > self.limits.watchdog:

@@ -1,15 +1,15 @@
 """A policy's second 100 evaluation episodes, whose seeds depend on the policy, so that no policy can memorize them.
 
 The first seed is 2^32 plus the number in the first eight hexadecimal digits of SHA-256(digest of the task, numbers of
-the policy). The numbers are a network's arrays and observation statistics, or a controller's name and gains, without
-metadata. Somebody could still modify a policy many times and publish the variant whose seeds happen to be easy.
-Policies without such numbers (Python functions, ONNX models, actions optimized in advance) are evaluated only on the
-100 public episodes.
+the policy). The numbers of the policy are a network's arrays and observation statistics, or a controller's name and
+gains, without metadata. Somebody could still modify a policy many times and publish the variant whose seeds happen to
+be easy. Policies without such numbers (Python functions, ONNX models, actions optimized in advance) are evaluated only
+on the 100 public episodes.
 
-A permutation test compares the public and the second 100 episodes. Its data are the policy's value minus the value of
-PD control in each of the 200 episodes. The test assigns these data at random to two groups of 100. The p value is the
-share of assignments in which the group means differ at least as much as the measured means. Holm's method (1979)
-adjusts p for multiple tests.
+A permutation test compares the public and the second 100 episodes. The data of the test are the policy's value minus
+the value of PD control in each of the 200 episodes. The test assigns these data at random to two groups of 100. The p
+value is the share of assignments in which the group means differ at least as much as the measured means. Holm's method
+(1979) adjusts p for multiple tests.
 """
 
 import dataclasses

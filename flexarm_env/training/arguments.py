@@ -1,7 +1,7 @@
 """Command-line parsers that are built from dataclasses: each field becomes a flag.
 
 The help text of a flag is the description, unit and bounds of a declared field (`flexarm_env.records`). For other
-fields it is the entry under "Args" in the class's docstring.
+fields the help text is the entry under "Args" in the class's docstring.
 """
 
 import argparse

@@ -58,9 +58,9 @@ def user_keywords(env_id: str, given: Mapping[str, Any]) -> dict[str, Any]:
 def validation(env_id: str, kwargs: Mapping[str, Any], asked: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Derive the environment keywords of the validation episodes from the keywords `kwargs` of training.
 
-    Validation uses the user's reward weights if they are in `asked` (`user_keywords`), and otherwise the environment's
-    default weights; in this case the weight `cost` is the one of training, if training has one. The arm keeps its
-    nominal link lengths, even if training draws them at random (`LENGTHS`).
+    Validation uses the user's reward weights if `asked` (`user_keywords`) contains them, and otherwise the
+    environment's default weights. In the default weights the weight `cost` is replaced by the weight of training, if
+    training has one. The arm keeps its nominal link lengths, even if training draws them at random (`LENGTHS`).
     """
     left_out = (*TRAINING_ONLY, LENGTHS)
     judged, reward = {k: v for k, v in kwargs.items() if k not in left_out}, kwargs.get("reward")

@@ -37,7 +37,7 @@ class Parameters:
         self._shapes = [tuple(tensor.shape) for tensor in tensors]
 
     def views(self, of: Array32) -> list[Array32]:
-        """Return one view of `of`, an array with the layout of `values`, per parameter, in the parameter's shape."""
+        """Return a view of each parameter, in its shape, from the array `of`, which has the layout of `values`."""
         return [of[own].reshape(shape) for own, shape in zip(self._slices, self._shapes, strict=True)]
 
     def descend(self, rate: float, most: float | None = None) -> float:
