@@ -84,6 +84,7 @@ def test_a_controller_lands_and_zero_torque_does_not() -> None:
             assert (held > 25).all()
 
 
+@pytest.mark.slow
 def test_a_vector_lands_as_single_arms_do() -> None:
     keywords: dict[str, Any] = {"task": "land", "duration": 1.0, "sensors": {"noise": 0.01}}
     both = pair("TwoLinkFlexArm-v0", 9, **keywords)

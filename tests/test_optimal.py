@@ -149,6 +149,7 @@ def test_least_effort_keeps_its_bounds_and_costs_more_for_them(two):
     assert kept.states[-1, 0] == pytest.approx(goal[0], abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_plan_goes_round_a_disc_that_is_in_the_way(two):
     start, goal = two.rest(np.array([[0.0, 0.2]])), two.rest(np.array([[0.8, -0.4]]))
     free = optimal.least_effort(two, start, goal, 140)

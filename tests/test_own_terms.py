@@ -47,7 +47,10 @@ def parts(info: dict[str, Any]) -> dict[str, Any]:
     ("env_id", "more"),
     [
         ("FlexibleArm-v0", {}),
-        ("TwoLinkFlexArm-v0", {"cost": {"deflection": 0.01}, "reward": {"cost": 0.3, "change": 0.1, "spin": 0.5}}),
+        pytest.param(
+            "TwoLinkFlexArm-v0", {"cost": {"deflection": 0.01}, "reward": {"cost": 0.3, "change": 0.1, "spin": 0.5}},
+            marks=pytest.mark.slow,
+        ),  # fmt: skip
         pytest.param("MultiLinkFlexArm-v0", {"reward": {"change": 0.1, "spin": 0.5}}, marks=pytest.mark.slow),
         pytest.param("FlexibleArm-v0", {"base": {"mass": 5.0, "inertia": 1.0}}, marks=pytest.mark.slow),
         pytest.param("SpatialFlexArm-v0", {"reward": {"spin": 0.5}}, marks=pytest.mark.slow),

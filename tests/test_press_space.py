@@ -81,6 +81,7 @@ def test_reward_and_success_follow_from_force_and_path() -> None:
     assert info["is_success"]
 
 
+@pytest.mark.slow
 def test_a_vector_presses_as_single_arms_do() -> None:
     keywords: dict[str, Any] = {"task": "press", "arm": "three_dof_loaded", "contacts": FLOOR, "duration": 0.6}
     keywords["sensors"] = {"noise": 0.01, "strain_gauges": [{**GAUGES[0], "noise": 0.1, "bias": 0.1}]}

@@ -52,7 +52,9 @@ def moved(scene: Scene, formulation: str = "elastica", **options: Any) -> Simula
 
 
 # --- bouncing -------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("formulation", FORMULATIONS)
+@pytest.mark.parametrize(
+    "formulation", [FORMULATIONS[0], *(pytest.param(name, marks=pytest.mark.slow) for name in FORMULATIONS[1:])]
+)
 def test_a_mass_bounces_off_a_linear_spring_for_half_a_period(formulation: str) -> None:
     mass, k, speed, start = 0.5, 2000.0, 0.05, 0.001
     omega = math.sqrt(k / mass)
@@ -233,7 +235,9 @@ def clamped_free(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64], 
     return np.array(roots), np.array(tips), np.array(means)
 
 
-@pytest.mark.parametrize("formulation", ["elastica", "geometrically_exact"])
+@pytest.mark.parametrize(
+    "formulation", ["elastica", pytest.param("geometrically_exact", marks=pytest.mark.slow)]
+)
 def test_a_beam_that_falls_on_a_stop_moves_as_its_modes_do(formulation: str) -> None:
     EI, m, g, gap, k = 1.0, 0.1, 0.05, 5e-4, 100.0
     arm = Arm("beam", (Link(1.0, Section(EI=EI, EA=1e7, C=1e7, m=m)),))
@@ -262,6 +266,7 @@ def test_a_beam_that_falls_on_a_stop_moves_as_its_modes_do(formulation: str) -> 
 
 
 # --- formulations ---------------------------------------------------------------------------------------
+@pytest.mark.slow
 def test_formulations_agree_on_an_arm_that_falls_and_slides() -> None:
     link = Link(0.5, Section(EI=5.0, EA=1e5, C=1e5, m=0.3))
     arm = Arm("two", (link, link), payload=Payload(mass=0.1, radius=0.02), tau_d=1e-3)

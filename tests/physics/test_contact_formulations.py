@@ -57,10 +57,8 @@ def apart(space: bool, formulation: str, mesh: dict[str, Any], exact: np.ndarray
     return float(np.linalg.norm(tips(space, formulation, mesh) - exact, axis=1).max())
 
 
-@pytest.mark.parametrize(
-    ("space", "formulation", "mesh", "coarse"),
-    [MESHES[0], *(pytest.param(*row, marks=pytest.mark.slow) for row in MESHES[1:])],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("space", "formulation", "mesh", "coarse"), MESHES)
 def test_a_falling_strip_is_the_same_in_all_formulations(
     space: bool, formulation: str, mesh: dict[str, int], coarse: dict[str, int]
 ) -> None:

@@ -94,6 +94,7 @@ def test_the_matrix_contains_the_slope_of_the_forces(formulation: str) -> None:
 
 
 # --- lanes ----------------------------------------------------------------------------------------------
+@pytest.mark.slow
 def test_lanes_have_the_bits_of_single_arms() -> None:
     """Of eight arms that fall from different heights; some touch, some do not."""
     scene = Scene(
