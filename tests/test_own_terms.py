@@ -50,7 +50,7 @@ def parts(info: dict[str, Any]) -> dict[str, Any]:
         pytest.param(
             "TwoLinkFlexArm-v0", {"cost": {"deflection": 0.01}, "reward": {"cost": 0.3, "change": 0.1, "spin": 0.5}},
             marks=pytest.mark.slow,
-        ),  # fmt: skip
+        ),
         pytest.param("MultiLinkFlexArm-v0", {"reward": {"change": 0.1, "spin": 0.5}}, marks=pytest.mark.slow),
         pytest.param("FlexibleArm-v0", {"base": {"mass": 5.0, "inertia": 1.0}}, marks=pytest.mark.slow),
         pytest.param("SpatialFlexArm-v0", {"reward": {"spin": 0.5}}, marks=pytest.mark.slow),
