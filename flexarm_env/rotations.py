@@ -1,7 +1,7 @@
 """Rotations in NumPy: rotation vectors, matrices and quaternions, many at once along the leading axes.
 
-A rotation matrix maps components in body axes to components in inertial axes. exp(psi^) is the matrix of the rotation
-vector psi (rad), with psi^ b = psi x b.
+A rotation matrix maps components in body axes to components in inertial axes. The rotation vector psi (rad) has the
+matrix exp(psi^), where psi^ b = psi x b for every vector b.
 """
 
 from typing import Any

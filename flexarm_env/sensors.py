@@ -128,8 +128,8 @@ class Encoder(Law):
     on the side "motor" measures the motor's angle divided by the gear ratio; with a rigid gear both angles are equal.
     The resolution is 2 pi / counts on the side "link", and 2 pi / counts divided by the gear ratio on the side "motor".
 
-    The rate is the difference of two angles divided by the time T between them, low-pass filtered with order 1:
-    rate_k = a rate_(k-1) + (1 - a) (angle_k - angle_(k-1)) / T with a = exp(-2 pi rate_frequency T).
+    The rate is the difference of two successive angles divided by the time T between them, filtered by a low-pass of
+    order 1: rate_k = a rate_(k-1) + (1 - a) (angle_k - angle_(k-1)) / T with a = exp(-2 pi rate_frequency T).
     """
 
     counts: int | None = integer(

@@ -13,9 +13,9 @@ friction. The inner PD loop, or the amplifier with its back-emf, acts at control
 contains the errors of finite elements and of the time integration.
 
 Large bending increases the error by the factor G = 1 + (theta / 0.55 rad)^3, where theta is the largest angle between
-the ends of a link in the small motions. The factor G was fitted to the errors of random arms: at most 4 e_1 for theta
-below 0.4 rad, with medians of 2 e_1, 6 e_1 and 20 e_1 for theta of 0.8, 1.2 and 2 rad. Above theta = 1.6 rad the search
-begins with the second of `MESHES`, above 3 rad with the third.
+the tangents at the two ends of a link in the small motions. The factor G was fitted to the errors of random arms: at
+most 4 e_1 for theta below 0.4 rad, with medians of 2 e_1, 6 e_1 and 20 e_1 for theta of 0.8, 1.2 and 2 rad. Above theta
+= 1.6 rad the search begins with the second of `MESHES`, above 3 rad with the third.
 
 Coulomb friction T_C adds the error e_2 = sum of T_C h t / I over the joints. If a joint reverses within a step, its
 rate afterwards has an error of up to T_C h / I (docs/theory.md, section 6). The estimate assumes that this rate error

@@ -66,10 +66,10 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
 
     ## Rewards
 
-    The reward has the terms, weights and bounds of TwoLinkFlexArm-v0. e is the distance of the tip from the target
-    divided by L, and v is the tip's speed divided by L (1/s; with task="track" the speed relative to the target). The
-    term effort is -sum of a_k^2 over all N joints (weighted: -0.01 N to 0). The term vibration is -min(sum of d'^2, 1)
-    with weight 0; the sum extends over the deflection rates d' of all links in both planes.
+    The reward has the terms, weights and bounds of TwoLinkFlexArm-v0. The error e is the distance of the tip from the
+    target divided by L, and v is the tip's speed divided by L (1/s). With task="track" v is the speed relative to the
+    target. The term effort is -sum of a_k^2 over all N joints (weighted: -0.01 N to 0). The term vibration is -min(sum
+    of d'^2, 1) with weight 0; the sum extends over the deflection rates d' of all links in both planes.
 
     ## Starting state
 

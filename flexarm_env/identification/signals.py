@@ -63,8 +63,8 @@ class Ringing:
 def ringing(t: Array, y: Array, low: float = 0.0, high: float = np.inf) -> Ringing | None:
     """Fit the strongest damped cosine with a frequency between `low` and `high`, Hz, to a signal y (n,).
 
-    The initial guess is a peak of the spectrum. Then offset + exp(-d t) (a cos w t + b sin w t) is fitted by least
-    squares. Returns None if the signal has no power between the two frequencies.
+    The initial guess is a peak of the spectrum. The function offset + exp(-d t) (a cos w t + b sin w t) is then fitted
+    by least squares. Returns None if the signal has no power between the two frequencies.
     """
     from scipy.optimize import least_squares
 

@@ -93,7 +93,7 @@ def linearize(
         method: method for discrete models. "solver" computes the derivative of the solver's steps along the motion in
             one period; the steps have equal length, at most the setting dt. "zoh" (zero-order hold) computes the matrix
             exponential of the continuous model.
-        motions: if True, prescribed coordinates and their rates are states, and their accelerations are inputs
+        motions: True to include prescribed coordinates and their rates as states, and their accelerations as inputs
             (continuous model, or method "zoh"). If False, the model does not contain prescribed coordinates.
         gauges: one pair (link, place) for each curvature among the outputs, with the place from 0 at the link's root to
             1 at its tip. A strain is the curvature times half the thickness of the link. In space a third entry, one of

@@ -59,8 +59,9 @@ SILENCE = 10.0
 class Limits:
     """Limits of commands and motion that the server enforces; inf means no limit.
 
-    angle (rad), rate (rad/s): limits of every joint; beyond them the server holds the arm. slew: largest change of a
-    torque per period, divided by its limit. watchdog: number of periods without a command until the arm is held.
+    angle (rad), rate (rad/s): limits of every joint; the server holds the arm if a joint exceeds a limit. slew: largest
+    change of a torque per period, divided by its limit. watchdog: number of periods without a command until the arm is
+    held.
     """
 
     angle: float = math.inf
