@@ -61,7 +61,7 @@ class Divisible(Protocol):
         ...
 
     def along(self, s: Array | float, before: bool = False) -> Stiffnesses:
-        """Return the section's properties at positions s, m: at a jump those after it, or those before it if `before`."""
+        """Return the section's properties at positions s, m; at a jump, those after it or, if `before`, before it."""
         ...
 
 
