@@ -61,12 +61,12 @@ class Divisible(Protocol):
         ...
 
     def along(self, s: Array | float, before: bool = False) -> Stiffnesses:
-        """Return the section's properties at positions s (m), after a jump there, or before it if `before` is True."""
+        """Return the section's properties at positions s, m; at a jump, those after it or, if `before`, before it."""
         ...
 
 
 class Piece(NamedTuple):
-    """Piece of a link, with the integral of the cell density over it ("weight")."""
+    """Piece of a link; its "weight" is the integral of the cell density over the piece."""
 
     first: float  # start of the piece, m from the link's root
     last: float  # end of the piece, m from the link's root

@@ -174,7 +174,8 @@ class Periods:
         guided: pair (index, `envs.motion.Guide`) of a single arm with prescribed motion, or None for all arms.
         alone: which arms are computed one at a time, with halved steps if Newton's iteration fails: "all", "none", or
             "failed". With "failed", as in the environment, these are the arms whose iteration failed when all arms were
-            computed together. whole: True to include the terms of all parameters.
+            computed together. whole: True to include the terms of parameters that are zero in the arm, such as the
+            payload's mass.
     Attributes:
         n, state_size, action_size, observation_size, moving, names, failed, past: as in `Arms`.
         backwards: True if the model has kernels that compute `vjp`.

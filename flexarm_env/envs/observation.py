@@ -27,7 +27,7 @@ Entries = list[tuple[str, float]]
 
 @dataclass(frozen=True)
 class Sight:
-    """Entries of the observation: names and scales of all available entries, gauges and previous actions last.
+    """Available entries of the observation, with names and scales; gauges and previous actions are the last ones.
 
     chosen (C,): indices of the selected entries, in order; None for all. instruments: sensors with noise, filter or
     delay, or None. read: number of entries that sensors measure.

@@ -31,7 +31,7 @@ MOST = 16
 def renderer(plan: Plan, mode: str, size: tuple[int, int] = (SIDE, SIDE)) -> Renderer:
     """Create the renderer of an environment.
 
-    A full bar of the deflection display is the deflection of a clamped link under the joint's full torque.
+    In the deflection display, a full bar stands for the deflection of a clamped link under the joint's full torque.
     """
     arm, limits = plan.arm, plan.arm.torque_limits
     assert limits is not None

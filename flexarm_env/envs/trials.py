@@ -9,9 +9,9 @@ of 100 control periods in steps of h and of h/2, with bang-bang torques that are
     e_1  the error of small motions due to step and mesh (`resolution`).
 
 The factor d / d_1 measures the amplification of errors, and the error of the trial is max(d, e_1 d / d_1). If the
-factor exceeds `GROWN`, settings must also satisfy a second condition: on the next finer mesh in steps of h/2, the tips
-must have nearly the same positions. If a PD loop sustains a vibration ("chatters"), the trial's error is the distance
-between the tips on the two meshes.
+factor d / d_1 exceeds `GROWN`, settings must also satisfy a second condition: on the next finer mesh in steps of h/2,
+the tips must have nearly the same positions. If a PD loop sustains a vibration ("chatters"), the trial's error is the
+distance between the tips on the two meshes.
 
 With random factors (keyword `randomization`), two more arms run the same episodes as the nominal arm: the softest arm
 with the heaviest payload and the strongest torques, and the stiffest arm with the lightest payload.

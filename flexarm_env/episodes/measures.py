@@ -51,7 +51,7 @@ def success(history: History) -> NDArray[np.bool_]:
 
 
 def success_period(history: History) -> NDArray[np.int64]:
-    """Return the first control period (n,), from 1, after which info["is_success"] stays true; 0 without success.
+    """Return the first control period (n,), counted from 1, after which info["is_success"] stays true; 0: no success.
 
     info["is_success"] is true if the task's success bounds have been met for a time that the task defines.
     """

@@ -46,9 +46,9 @@ class Identification:
         uncertainty: uncertainty of the fitted values. verdict: "good", or a sentence that explains why the fit should
             not be trusted.
         train, held_out: the fitted arm's predictions of the fitted runs, and of the held-out runs (with nuisance
-            parameters at their initial values). unfitted: the given arm's predictions of all these runs. baseline: for
-            comparison, predictions of all these runs by one linear oscillator for each output. oscillators: frequency
-            (Hz) and damping ratio of each output's oscillator.
+            parameters at their initial values). unfitted: the given arm's predictions of all fitted and held-out runs.
+            baseline: for comparison, predictions of all runs by one linear oscillator for each output. oscillators:
+            frequency (Hz) and damping ratio of each output's oscillator.
         frequencies, damping: natural frequencies (Hz) and damping ratios of the fitted arm with the prescribed joints
             held. seen: free vibrations (`Ringing`) that were measured in the runs, by output.
         fit: result of the least-squares fit. ranges: ranges of factors for the environments' option `randomization`.
