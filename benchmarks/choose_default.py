@@ -223,7 +223,7 @@ def table_of(env_id: str, found: Row) -> list[str]:
         "(random and bang-bang). The reference is "
         f"{label(EXACT)}. "
         f"In {SHARE:g} % of the episodes, twice the step of the reference moves the tip by at most "
-        f"{coarser['step']:.4f} % of L, and a mesh of "
+        f"{coarser['step']:.4f} % of L. A mesh of "
         f"{COARSER['mesh']['elements']} elements moves the tip by at most {coarser['mesh']:.4f} % of L.", "",
         *table(f"{heads} | µs, vector | µs, single | error within", rows),
     ]  # fmt: skip

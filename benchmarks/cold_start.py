@@ -197,8 +197,8 @@ def blocks(found: dict[str, Any]) -> dict[str, list[str]]:
     return {
         "table": table(f"environment or function | {' | '.join(COLUMNS.values())}", rows, numbers=True),
         "further": [
-            "In the same process each further environment with another formulation or number of links adds "
-            f"memory: {', '.join(grows)} and {last} MB."
+            "Further environments in the same process, each with another formulation or number of links, add "
+            f"{', '.join(grows)} and {last} MB of memory."
         ],
     }
 

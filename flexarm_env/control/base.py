@@ -319,8 +319,9 @@ class Controller(ABC):
 
         beside: actions of another policy, with the shape of the result, which are added before the saturation. The
         controller advances its state estimate with the sum of both actions. Raises RuntimeError before the first
-        `reset`. Raises ValueError, without a change of the memory, if the observation is not finite, has another number
-        of entries than the environment's observations, or another number of rows than in `reset`.
+        `reset`. Raises ValueError if the observation is not finite, or if its number of entries differs from the
+        environment's observations, or its number of rows from that in `reset`. After this error the memory is
+        unchanged.
         """
         signals = self.read(observation)
         count, begun = len(signals.angles), len(self.goal)

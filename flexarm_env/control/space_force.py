@@ -48,10 +48,11 @@ class SpatialForceGains(Approach):
 class SpatialHybridForce(WallController):
     """Hybrid force/position control in space: PD control about the rest posture on the wall, with integral terms.
 
-    In each period the controller computes joint angles and torques of the arm at rest with its tip at the reference
-    position, under gravity and the reference force (`SpatialChain`). The reference position moves from the tip's
-    initial position to the target; then the reference force rises. The integrated position error along the wall shifts
-    the reference position; the integrated force error changes the reference force (Raibert & Craig 1981).
+    In each period the controller computes joint angles and torques of the arm at rest (`SpatialChain`). For this rest
+    posture the tip is at the reference position, and gravity and the reference force act on the arm. The reference
+    position moves from the tip's initial position to the target; then the reference force rises. The integrated
+    position error along the wall shifts the reference position; the integrated force error changes the reference force
+    (Raibert & Craig 1981).
     """
 
     aims = follows_goal = omits_modes = False

@@ -22,9 +22,9 @@ class MultiLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: se
 
     The default arm, `three_strips`, has links of 0.4, 0.35 and 0.25 m with the section of `de_luca_siciliano` (0.2
     kg/m, EI = 1 N m^2, tau_d = 6.63e-3 s). The hub has an inertia of 0.1 kg m^2. The elbow motors have masses of 1 and
-    0.25 kg and inertias of 0.1 and 0.025 kg m^2; half of each inertia moves with the link before the motor, and half
-    with the link after it. The payload has a mass of 0.1 kg and an inertia of 5e-4 kg m^2. L is the sum of the lengths,
-    1 m.
+    0.25 kg and inertias of 0.1 and 0.025 kg m^2. Half of each inertia moves with the link before the motor, and half
+    with the link after the motor. The payload has a mass of 0.1 kg and an inertia of 5e-4 kg m^2. L is the sum of the
+    lengths, 1 m.
 
     `gymnasium.make("MultiLinkFlexArm-v0")` creates one arm. `gymnasium.make_vec("MultiLinkFlexArm-v0", num_envs=n)`
     creates n arms that one compiled call advances. Each of the n arms gives bitwise the same results as a single arm.
@@ -51,8 +51,8 @@ class MultiLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: se
     | 5 N, 5 N + 1 | tip velocity, x and y | w_0 L | m/s |
     | 5 N + 2, 5 N + 3 | vector from tip to target, x and y | 0.5 L | m |
 
-    Definitions, names and optional entries are those of TwoLinkFlexArm-v0; elbows are named `elbow_1`, `elbow_2` and so
-    on. For the default arm the rate scales are w_0 = 1.506, w_1 = 1.735 and w_2 = 2.410 rad/s.
+    The entries have the definitions, names and optional additions of TwoLinkFlexArm-v0; elbows are named `elbow_1`,
+    `elbow_2` and so on. For the default arm the rate scales are w_0 = 1.506, w_1 = 1.735 and w_2 = 2.410 rad/s.
 
     ## Rewards
 
@@ -62,8 +62,8 @@ class MultiLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: se
 
     ## Starting state
 
-    The arm starts as in TwoLinkFlexArm-v0. In the half of the episodes that begin with random joint angles, these
-    angles are between -0.5 and 0.5 rad; for N > 7 the elbow angles are between -3.6/N and 3.6/N rad.
+    The arm starts as in TwoLinkFlexArm-v0. Half of the episodes begin with random joint angles between -0.5 and 0.5
+    rad. For N > 7 the elbow angles are between -3.6/N and 3.6/N rad.
 
     ## Episode end and info
 

@@ -29,7 +29,8 @@ def shake(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None) -> Ar
 
     The links are straight at absolute angles alpha_k. The amplitude is such that, without damping and to first order,
     the first link's tip would deflect by the link's length. All rates are those of the straight arm's mode, in axes
-    that turn with the link: rates of angles, of tips, and of points within a link relative to its root.
+    that turn with the link. S contains rates of angles, of tips, and of points within a link relative to the link's
+    root.
     """
     assert settings.dt is not None
     arm, count = arm.taut, arm.n_links

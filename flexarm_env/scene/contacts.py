@@ -39,8 +39,8 @@ class Contact:
             is about 1 - alpha v.
         friction: coefficient of friction mu, zero or positive.
         creep: velocity v_s of the regularization, m/s, positive.
-        speed: impact speed, m/s, positive, for which the time step must be short enough: an impact at this speed must
-            last at least 8 steps, with the effective mass of the arm at the point.
+        speed: impact speed, m/s, positive, that limits the time step: an impact of the arm's effective mass at this
+            speed must last at least 8 steps.
         bodies: points of the arm that can touch the obstacle. "tip" is the center of a sphere of radius
             `Payload.radius`; "joint1", "joint2", ... are centers of spheres of radius `Elbow.radius`. In scenes
             "link0@0.5" is the center of a sphere of radius `radius` in the middle of link 0, where `simulate` divides

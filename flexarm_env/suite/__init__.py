@@ -4,7 +4,8 @@
     make(id), make_vec(id, n)    create a task's environment, single or vector
     digest(task)                 returns a hash of the resolved task, to verify that it is unchanged
 
-`gymnasium.make("flexarm_env:flexarm/slew-measured-v2")` and `gymnasium.make_vec` make the same environments.
+`gymnasium.make("flexarm_env:flexarm/slew-measured-v2")` and `gymnasium.make_vec` create the same environments as these
+functions.
 """
 
 from typing import Any

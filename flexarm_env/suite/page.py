@@ -223,8 +223,10 @@ def _provenance(found: Sequence[Results]) -> Iterator[str]:
     machines = sorted({e["versions"]["machine"] for e in entries if "machine" in e.get("versions", {})})
     judging = sum(entry["cpu_s"] for entry in entries) / 3600.0
     training = sum((entry["training"] or {}).get("cpu_s", 0.0) for entry in entries) / 3600.0
-    hours = f"{training:.2f} CPU hours of training and {judging:.2f} CPU hours of evaluation"
-    yield f"The {len(found)} results files took {hours}."
+    yield (
+        f"The {len(found)} results files took {training:.2f} CPU hours of training and "
+        f"{judging:.2f} CPU hours of evaluation."
+    )
     yield " · ".join(machines + versions)
 
 
