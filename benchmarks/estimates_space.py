@@ -213,9 +213,9 @@ def blocks(found: pages.Found) -> pages.Blocks:
         *table(" | ".join(["", *OUTCOMES]), counted), "",
         f"The {found['cases']} scenes took {found['case_seconds']:.0f} s. In runs with an error above 1e-5 of the "
         "length, "
-        f"the estimate divided by the true error has these percentiles: {ratios}. {found['needlessly_inaccurate']} "
-        f"runs were `inaccurate` although their tip was within 1 % of the length; {found['negative_dissipation']} runs "
-        "dissipated a negative energy between two samples.",
+        f"the estimate divided by the true error has these percentiles: {ratios}. In "
+        f"{found['needlessly_inaccurate']} runs the status was `inaccurate`, but the tip was within 1 % of the length. "
+        f"In {found['negative_dissipation']} runs the energy dissipated between two samples was negative.",
     ]}  # fmt: skip
 
 

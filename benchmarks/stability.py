@@ -280,7 +280,8 @@ def table_of_cases(found: pages.Found) -> list[str]:
         f"cases, for these reasons (numbers of cases in brackets): {reasons}.",
         "", *table(" | ".join(["", *OUTCOMES]), counted), "",
         "In cases with an error above 0.1 % of L, the estimate divided by the true error has these percentiles: "
-        f"{ratios}. {found['needlessly_inaccurate']} runs were `inaccurate` although their tip was within 1 % of L.",
+        f"{ratios}. In {found['needlessly_inaccurate']} runs the status was `inaccurate`, but the tip was within 1 % "
+        "of L.",
         "", "The runs ended with the statuses "
             f"{', '.join(f'{k} ({v})' for k, v in sorted(found['statuses'].items()))}.",
     ]  # fmt: skip

@@ -61,7 +61,7 @@ def check_places(key: str, places: list[float], length: float) -> float:
 
 
 def between(places: Array, s: Array, before: bool) -> tuple[NDArray[np.int64], Array]:
-    """Return, for each position s, the interval between points that contains s, and the interval's fraction up to s.
+    """Return for each position s the interval between points that contains s, and the place of s in it, 0 to 1.
 
     The interval is given by the index of its first point. At a jump the function returns the interval after the jump;
     if `before` is True, the interval before the jump.

@@ -84,7 +84,7 @@ def test_a_run_that_beats_a_record_is_told_of(tmp_path: Path):
     entry["costs"] = [0.0, 0.0, *entry["costs"][2:]]
     results.Results("quick", 0, {QUICK: entry}).write(tmp_path)
     assert (
-        "Better than the record: **quick in 2 episodes**" in page.pages(results.folder_of(tmp_path))["suite-tasks.md"]
+        "Better than these actions: **quick in 2 episodes**" in page.pages(results.folder_of(tmp_path))["suite-tasks.md"]
     )
 
 

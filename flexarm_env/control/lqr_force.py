@@ -140,7 +140,7 @@ def wall_model(
 
     limits (N,): torque limits, N m. dt: control period, s. posture: elbow angles, rad. bearing: direction, rad, in the
     hub's frame, of the wall's normal that points away from the root. most: largest tip force, N. friction: coefficient
-    of friction; it is negative if the tip slides in the direction that results if this normal is turned by -90 degrees.
+    of friction, negative if the tip slides in the direction of this normal turned by -90 degrees.
     """
     model = arm_model(arm, posture)
     n, N, size = len(model.A) // 2, model.n_joints, len(model.A)

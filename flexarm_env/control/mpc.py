@@ -47,7 +47,7 @@ MOST = 60
 
 
 class Grid:
-    """Stages of a plan, which have equal length except for a shorter first stage."""
+    """Stages of a plan: the first stage can be shorter, all other stages have equal length."""
 
     def __init__(self, first: Dynamics, later: Dynamics) -> None:
         self.first, self.later = first, later

@@ -257,7 +257,7 @@ class FunctionPolicy:
         self.tried = ""
 
     def fitted(self, env: Any) -> FunctionPolicy:
-        """Return the policy for an environment, in which actions must have one number per joint."""
+        """Return the policy; the environment's actions must have one number per joint."""
         bound = FunctionPolicy(self.word, self.function, self.flag)
         bound.begin, bound.joints = self.begin, int(env.action_space.shape[-1])
         return bound

@@ -14,7 +14,7 @@ MARKERS = ("D", "o", "s", "^", "v", "P", "X")
 def plot_scores(
     labels: Sequence[str], methods: Mapping[str, Sequence[float | None]], path: str | os.PathLike[str]
 ) -> None:
-    """Plot scores, for which 0 is PD control and 1 is the best known result.
+    """Plot scores: 0 is the score of PD control, 1 is the score of the best known result.
 
     Args:
         labels: names of the tasks. methods: scores of at most seven methods, one for each task, or None. path: file of

@@ -151,7 +151,7 @@ def _load_table(load: Load) -> dict[str, Any]:
 
 
 def schema(kind: Any) -> dict[str, Any]:
-    """Return the JSON schema (draft 2020-12) of scene files, with which editors can complete and check these files.
+    """Return the JSON schema (draft 2020-12) with which editors complete and check scene files.
 
     kind: the class `Scene`, whose fields are the keys of the file. The schema does not contain rules that relate
     several keys, nor the parameters of functions of time; these are validated when a file is read.

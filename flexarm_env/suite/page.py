@@ -35,9 +35,10 @@ HOW = f"""## How to read the tables
   failed episode counts as its whole length.
 - **Second hundred** are 100 episodes whose seeds are computed from the policy itself (`flexarm_env.suite.second`). The
   columns give success rate, settling time, and J minus the J of PD. Brackets give J minus the J of PD in the 100 public
-  episodes (the public hundred). † marks a difference between both hundreds that is larger than chance explains
-  (permutation test, p < {LEVEL} after Holm, over all runs of these pages). *public only* marks functions, models with a
-  memory and `foresight`, which are evaluated only on the public hundred and may have memorized these episodes.
+  episodes (the public hundred). The mark † denotes a difference between both hundreds that is larger than chance
+  explains (permutation test, p < {LEVEL} after Holm, over all runs of these pages). *public only* marks functions,
+  models with a memory and `foresight`, which are evaluated only on the public hundred and may have memorized these
+  episodes.
 - **Italic methods** were trained with less than the task's budget.
 - **`foresight`** is no policy. An optimizer that knows the complete episode in advance improves the torques of each
   episode by the gradient of the episode's return. The search starts from the torques of the best trained policy or of

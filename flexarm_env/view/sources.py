@@ -283,7 +283,7 @@ def _episode_in_plane(
 
 
 class Clips(NamedTuple):
-    """Two functions, which return the clip of a run and the clip of an episode."""
+    """Two functions: one returns the clip of a run, the other the clip of an episode."""
 
     run: Callable[[Any, str | None, Any], Clip | SpaceClip]
     episode: Callable[..., Clip | SpaceClip]
