@@ -83,9 +83,8 @@ def test_a_run_that_beats_a_record_is_told_of(tmp_path: Path):
     entry["returns"] = [*(kept.values[:2] + 0.5).tolist(), *entry["returns"][2:]]
     entry["costs"] = [0.0, 0.0, *entry["costs"][2:]]
     results.Results("quick", 0, {QUICK: entry}).write(tmp_path)
-    assert (
-        "Better than these actions: **quick in 2 episodes**" in page.pages(results.folder_of(tmp_path))["suite-tasks.md"]
-    )
+    text = page.pages(results.folder_of(tmp_path))["suite-tasks.md"]
+    assert "Better than these actions: **quick in 2 episodes**" in text
 
 
 def test_a_task_without_a_record_says_so(capsys: pytest.CaptureFixture[str]):
