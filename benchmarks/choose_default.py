@@ -222,9 +222,9 @@ def table_of(env_id: str, found: Row) -> list[str]:
         f"The table is computed from {found['episodes']} episodes of {HORIZON[env_id]:g} s for each kind of torque "
         "(random and bang-bang). The reference is "
         f"{label(EXACT)}. "
-        f"In {SHARE:g} % of the episodes, twice the step of the reference moves the tip by at most "
+        f"In {SHARE:g} % of the episodes, doubling the reference's time step changes the tip's position by at most "
         f"{coarser['step']:.4f} % of L. A mesh of "
-        f"{COARSER['mesh']['elements']} elements moves the tip by at most {coarser['mesh']:.4f} % of L.", "",
+        f"{COARSER['mesh']['elements']} elements changes the position by at most {coarser['mesh']:.4f} % of L.", "",
         *table(f"{heads} | µs, vector | µs, single | error within", rows),
     ]  # fmt: skip
 
