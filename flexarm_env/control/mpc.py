@@ -32,6 +32,7 @@ from .base import Controller, Setup, Signals
 from .bounds import Bounds, within
 from .dynamics import Dynamics, SpatialDynamics, dynamics
 from .lqr import SENSOR, StateWeights, riccati
+from .mpc_estimate import memory_for
 from .space import AboutRest
 
 LATEST = 2.0
@@ -71,9 +72,12 @@ class MPCGains(StateWeights):
 
     Args:
         memory: weight, 0 to 1, of the model's prediction for the part of the state that is not measured. The shape of a
-            link under a static force at its tip has the weight 1 - memory.
+            link under a static force at its tip has the weight 1 - memory. The weight is reduced for arms and control
+            periods for which the estimate would decay too slowly (`mpc_estimate`).
         allowed: a plan has reached the goal if the cost of the distance from the goal is below this value.
-        block: number of control periods with the same planned torque. horizon: number of blocks in a plan.
+        block: number of control periods with the same planned torque, for the default control period of the
+            environment; with shorter periods a block has more periods and lasts as long. horizon: number of blocks in a
+            plan.
         iterations: number of iLQR iterations per period. first: number of iterations for an episode's first plan.
         margin: distance that plans keep from shapes, divided by the arm's length, and from joint limits, rad.
     """
@@ -134,21 +138,26 @@ class MPC(Controller):
     wild, ahead, put_off = np.inf, 1.0, 0.03
     """Three numbers: the miss cost above which a plan is discarded; the first arrival time tried, divided by the rigid
     arm's minimum time; the share of that time by which an arrival is postponed during an episode's first plan."""
+    tuned_for = 0.02
+    """Control period, s, for which `MPCGains.block` is tuned."""
 
     def __init__(self, setup: Setup, gains: MPCGains) -> None:
         """Prepare the dynamics, cost and bounds; they do not depend on the episode."""
         super().__init__(setup)
         self.gains = gains
         arm, dt = setup.arm, setup.control_dt
+        # plans last as long as with the period for which the gains are tuned
+        self.block = max(gains.block, round(gains.block * self.tuned_for / dt))
         # blocks of 1 ... `block` periods; a plan's first stage is what remains of the current block
-        held = [dynamics(arm, k * dt, gravity=setup.gravity) for k in range(1, gains.block + 1)]
+        held = [dynamics(arm, k * dt, gravity=setup.gravity) for k in range(1, self.block + 1)]
         self.plant, self.grids = held[0], [Grid(first, held[-1]) for first in held]
         self.stage = self.plant.stage_weight(gains)
         # joint limits narrowed by the margin, at most a tenth of their range on either side
         ends = [(-np.inf, np.inf) if one is None else one for one in arm.joint_limits or ()]
         joints = [(low + near, high - near) for low, high in ends for near in [min(gains.margin, 0.1 * (high - low))]]
         self.bounds = Bounds(joints=joints, keep_out=setup.keep_out, margin=gains.margin * arm.total_length)
-        self.effort = np.full(setup.n_joints, float(gains.block))
+        self.effort = np.full(setup.n_joints, float(self.block))
+        self.memory = self._memory()
 
     def initialise(self, signals: Signals, to_go: Array) -> None:
         """Compute the states at rest, regulators and first plans of new episodes."""
@@ -158,7 +167,7 @@ class MPC(Controller):
         self.K, self.P = np.stack([r.K for r in owned]), np.stack([r.P for r in owned])
         self.reach = np.array([r.reach for r in owned])
         self.x = self._standing(signals, to_go)
-        shape, self.left = (gains.horizon, n, setup.n_joints), gains.block
+        shape, self.left = (gains.horizon, n, setup.n_joints), self.block
         states = np.zeros((gains.horizon + 1, *self.x.shape))
         controls = np.broadcast_to(self.still, shape).copy()
         self.plan = ilqr.Solution(controls, states, np.zeros(n), np.zeros((*shape, self.plant.size)))
@@ -207,7 +216,7 @@ class MPC(Controller):
         self.left -= 1
         # shift the plans by one block; the last block holds the arm
         if not self.left:
-            plan, self.left = self.plan, self.gains.block
+            plan, self.left = self.plan, self.block
             for values in (plan.controls, plan.gains, plan.states):
                 values[:-1] = values[1:]
             plan.controls[-1], plan.gains[-1] = self.still, 0.0
@@ -216,7 +225,7 @@ class MPC(Controller):
     def _ends(self) -> Array:
         """Return the instants (H + 1,) at the ends of the plan's stages, in periods from the episode's start."""
         stages = np.arange(self.gains.horizon)
-        return self.step + np.concatenate([[0.0], self.left + self.gains.block * stages])
+        return self.step + np.concatenate([[0.0], self.left + self.block * stages])
 
     def _improve(self, chosen: NDArray[np.bool_], iterations: int) -> Array:
         """Improve the plans of the chosen arms from their present states; return each arm's miss at arrival, dx' P dx.
@@ -226,7 +235,7 @@ class MPC(Controller):
         """
         # stage cost from the arrival on, terminal cost P of the regulator
         there = self._ends[:, None] >= self.arrival[chosen]
-        weight = (self.gains.block * there)[:, :, None, None] * self.stage
+        weight = (self.block * there)[:, :, None, None] * self.stage
         weight[-1] = self.P[chosen]
         cost = ilqr.Quadratic(self.home[chosen], weight)
         limits = within(self.plant, self.bounds, weight.shape[1], len(weight) - 1, STIFF)
@@ -265,9 +274,15 @@ class MPC(Controller):
 
     def _estimate(self, signals: Signals, to_go: Array) -> Array:
         """Estimate states (n, S): blend prediction and measured shape, then match the measured outputs."""
-        kept = self.gains.memory
+        kept = self.memory
         guess = kept * self.x + (1.0 - kept) * self._standing(signals, to_go)
         return self.plant.corrected(guess, signals.outputs(self.goal - to_go))
+
+    def _memory(self) -> float:
+        """Return the weight of the prediction in the estimate, for which deviations from a straight arm decay."""
+        own = self.setup.arm, self.setup.control_dt, self.gains
+        straight = regulator(*own, (0.0,) * (self.setup.n_joints - 1))
+        return memory_for(self.setup.arm, self.plant, straight.K, self.gains.memory)
 
     def _regulators(self) -> list[Regulator]:
         """Return each arm's regulator at its goal's posture, rounded to the design grid."""
@@ -294,7 +309,11 @@ class SpatialMPC(MPC, AboutRest):
         spread (n, S, S): covariance of the error of the estimated states.
     """
 
-    wild, ahead, put_off = 1e3, 2.0, 0.1
+    wild, ahead, put_off, tuned_for = 1e3, 2.0, 0.1, 0.01
+
+    def _memory(self) -> float:
+        """Return 1: the filter corrects the prediction."""
+        return 1.0
 
     def initialise(self, signals: Signals, to_go: Array) -> None:
         """Set the filter's covariances, and compute rest states, regulators and first plans."""
