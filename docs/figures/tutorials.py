@@ -141,7 +141,7 @@ def vector():
     pictures("vector", names_of("vector")["pictures"])
 
 
-PAGES = (controller, wrappers, own_arm, vector, wall, contact, sensors, randomisation, from_a_log, training_loop, circle)
+PAGES = controller, wrappers, own_arm, vector, wall, contact, sensors, randomisation, from_a_log, training_loop, circle
 
 if __name__ == "__main__":
     wanted = sys.argv[1:] or [page.__name__ for page in PAGES]
