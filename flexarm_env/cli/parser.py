@@ -84,8 +84,9 @@ runs in one picture or side by side.
 
 RUN is a scene's name or TOML file, a trajectory's .npz, a file of recorded episodes, a controller (pd, lqr, ...), a
 policy, or a task of the suite, whose best known episode is shown. A policy is the name of a policy of the package, a
-run folder, a file (policy.npz, a .zip of Stable-Baselines3, .onnx), or MODULE:NAME, a Python function of observations or
-a class with reset and act. Controllers and functions act in the environment of the first policy or task in the list.
+run folder, a file (policy.npz, a .zip of Stable-Baselines3, .onnx), or MODULE:NAME, a Python function of observations
+or a class with reset and act. Controllers and functions act in the environment of the first policy or task in the
+list.
 
   flexarm view robot_arm_motion
   flexarm view two_link pd --seed 7 --out two_link.html
