@@ -188,9 +188,9 @@ def _section(path: str, section: dict[str, Any], inside: str | None = None) -> S
     keys: tuple[str, ...] = (*_SECTION, *ACROSS)
     make: Callable[..., Section] = Section
     if "wall" in section:
-        keys, make = _TUBE, Section.tube
+        keys, make, what = _TUBE, Section.tube, f"a tube needs {', '.join(_TUBE[:-1])}"
     elif "diameter" in section:
-        keys, make = _CIRCLE, Section.circle
+        keys, make, what = _CIRCLE, Section.circle, f"a circle needs {', '.join(_CIRCLE[:-1])}"
     elif section and all(key in _RECTANGLE for key in section):
         keys, make = _RECTANGLE, Section.rectangle
     check.known_keys(own, section, (*keys, *_RECTANGLE) if make is Section else keys)

@@ -129,6 +129,10 @@ LINK = "[[links]]\nlength = 1.0\nsection = {EI = 1.0, EA = 1.0, C = 1.0, m = 1.0
             "links[0].section.G: missing",
         ),
         (
+            "name = 'a'\n[[links]]\nlength = 1\nsection = {diameter = 1, wall = 0.1, E = 1, rho = 1}",
+            "links[0].section.G: missing; a tube needs diameter, wall, E, rho, G",
+        ),
+        (
             "name = 'a'\n[[links]]\nlength = 1\nsection = {width = 1, thickness = 0, E = 1, rho = 1, G = 1}",
             "links[0].section.thickness = 0: must be a positive number (m)",
         ),

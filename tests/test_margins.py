@@ -186,6 +186,10 @@ def test_the_command_prints_them(tmp_path: Path, capsys: pytest.CaptureFixture[s
     )
     assert found["frequency_1_hz"] == pytest.approx(6.84, rel=0.01)  # clamped: 0.7 Hz
     assert main(["arm", "strip", "--env-kwargs", '{"arm": "paper"}']) == 2
+    path.write_text(arms.to_toml(dataclasses.replace(HEAVY, torque_limits=None)))
+    capsys.readouterr()
+    assert main(["arm", str(path)]) == 2
+    assert f"{path}: torque_limits: missing; the time scales need 1 torque limit(s)" in capsys.readouterr().err
 
 
 def test_blas_has_as_many_threads_as_are_asked_for() -> None:

@@ -133,11 +133,15 @@ def wall():
     pictures("wall", [names_of("wall")["picture"]])
 
 
+def contact():
+    plt.imsave(HERE / "tutorial_contact.png", names_of("contact")["picture"])
+
+
 def vector():
     pictures("vector", names_of("vector")["pictures"])
 
 
-PAGES = (controller, wrappers, own_arm, vector, wall, sensors, randomisation, from_a_log, training_loop, circle)
+PAGES = controller, wrappers, own_arm, vector, wall, contact, sensors, randomisation, from_a_log, training_loop, circle
 
 if __name__ == "__main__":
     wanted = sys.argv[1:] or [page.__name__ for page in PAGES]

@@ -31,7 +31,8 @@ def run(args: argparse.Namespace) -> int:
     """Print masses, frequencies, time scales and stability margins of an arm; return the exit code."""
     arm = arms.resolve(args.arm)
     if arm.torque_limits is None:
-        raise check.MissingKey("arm.torque_limits", f"the time scales need {arm.n_links} torque limit(s)")
+        with check.in_file(args.arm):
+            raise check.MissingKey("torque_limits", f"the time scales need {arm.n_links} torque limit(s)")
     given = keywords(args.env_kwargs)
     if "arm" in given:
         raise check.InvalidValue("--env-kwargs", "arm", "must not be given: the argument ARM sets the arm")

@@ -84,8 +84,9 @@ runs in one picture or side by side.
 
 RUN is a scene's name or TOML file, a trajectory's .npz, a file of recorded episodes, a controller (pd, lqr, ...), a
 policy, or a task of the suite, whose best known episode is shown. A policy is the name of a policy of the package, a
-run folder, a file (policy.npz, a .zip of Stable-Baselines3, .onnx), or MODULE:NAME, a Python function of observations.
-Controllers and functions act in the environment of the first policy or task in the list.
+run folder, a file (policy.npz, a .zip of Stable-Baselines3, .onnx), or MODULE:NAME, a Python function of observations
+or a class with reset and act. Controllers and functions act in the environment of the first policy or task in the
+list.
 
   flexarm view robot_arm_motion
   flexarm view two_link pd --seed 7 --out two_link.html
@@ -96,8 +97,8 @@ Controllers and functions act in the environment of the first policy or task in 
 
 ARM = """\
 Print the properties of an arm that matter for control and learning: the duration of the fastest quarter turn of each
-joint, the lowest natural frequencies, a suitable episode duration, control period and discount factor, and the gain
-and delay margins of the controllers with the package's gains.
+joint, the lowest natural frequencies and damping ratios with free joints, a suitable episode duration, control period
+and discount factor, and the gain and delay margins of the controllers with the package's gains.
 
   flexarm arm strip
   flexarm arm my_arm.toml --env-kwargs '{"actuator": {"lag": 0.02}, "control_dt": 0.01}'
@@ -107,7 +108,8 @@ PLAY = """\
 Show an environment in a window. The keys left and right turn the hub, up and down turn the elbow, shift reduces the
 torque, and Esc quits. With --policy, a controller (pd, zv, zvd, lqr, lqg, mpc, time_optimal) or a policy acts instead.
 A policy is the name of a policy of the package, a run folder, a file (policy.npz, a .zip of Stable-Baselines3, .onnx),
-or MODULE:NAME, a Python function of observations. After each episode one line summarizes it.
+or MODULE:NAME, a Python function of observations or a class with reset and act. After each episode one line summarizes
+it.
 
 The command reads only numbers from policy files and executes no code from them. If a policy.npz names an environment
 of another package, ENV must name the same environment.

@@ -81,9 +81,14 @@ class Contact:
             if name in bodies[:i]:
                 raise check.InvalidValue(f"bodies[{i}]", name, "must not be given twice")
         for name in DISPLACEMENTS:
-            if getattr(self, name) is not None:
-                with check.under(name):
-                    check.instance("", getattr(self, name), TimeFunction).check_no_jump()
+            displacement = getattr(self, name)
+            if displacement is None:
+                continue
+            if not isinstance(displacement, TimeFunction):
+                what = "must be a TimeFunction, or in environments and scene files a table with kind and parameters"
+                raise check.InvalidValue(name, displacement, what)
+            with check.under(name):
+                displacement.check_no_jump()
         check.store(
             self, exponent=exponent, bodies=bodies,
             stiffness=check.number("stiffness", self.stiffness, f"N/m^{exponent:g}", above=0.0),

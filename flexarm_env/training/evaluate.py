@@ -5,8 +5,8 @@
     flexarm evaluate --env TwoLinkFlexArm-v0 --policy pd,zvd,lqr --randomized --out runs/table
 
 --policy takes a controller, a run folder, a file (policy.npz, a .zip of Stable-Baselines3, .onnx), the name of a policy
-of the package, or MODULE:NAME, a Python function of observations. Several policies, separated by commas, give one table
-with a row per policy.
+of the package, or MODULE:NAME. MODULE:NAME is a Python function of observations, an object with reset and act, or its
+class. Several policies, separated by commas, give one table with a row per policy.
 
 The controllers are pd, zv, zvd, lqr, mpc and time_optimal. The controller lqg requires --env-kwargs
 '{"observation": "measured"}'. The controllers hybrid_force, impedance, lqr_force and mpc_force require --env-kwargs

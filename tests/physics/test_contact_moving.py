@@ -121,7 +121,8 @@ def test_moving_obstacles_in_files() -> None:
 def test_what_moving_obstacles_refuse() -> None:
     floor = FLOOR
     told = refusal(lambda: Contact(floor, 1e4, displacement_y=0.1))  # type: ignore[arg-type]
-    assert told.startswith("displacement_y = 0.1: must be a TimeFunction")
+    assert told.startswith("displacement_y = 0.1: must be a TimeFunction, or in environments")
+    assert told.endswith("a table with kind and parameters")
     jump = TimeFunction([[0.0, *(0.0,) * 5, 1.0, 0.0], [1.0, 0.1, *(0.0,) * 4, 1.0, 0.0]])
     assert "must not jump" in refusal(lambda: Contact(floor, 1e4, displacement_y=jump))
     up = Contact(floor, 1e4, displacement_z=constant(0.1))
