@@ -72,9 +72,9 @@ def modes(
         spin: spin rate, rad/s, about the root of a pinned Scene without gravity; the scene's loads are not used. The
             modes are small motions in the rotating frame about the steady rotation. Centrifugal forces deform the arm
             in this rotation.
-        clamped: which joints are held. False: no joint; all joints turn under constant torques, except prescribed and
-            rigid joints. True: the hub, joint 0. A list: the joints with these indices. With an elastic gear, the
-            motor's side is held. Coulomb friction is not included.
+        clamped: which joints are held. False: no joint is held; all joints turn under constant torques, except
+            prescribed and rigid joints. True: the hub (joint 0) is held. With a list of indices these joints are held.
+            With an elastic gear, the motor's side is held. Coulomb friction is not included.
     Returns:
         The modes (`Modes`).
     Raises:

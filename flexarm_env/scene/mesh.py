@@ -33,8 +33,8 @@ def default_mesh(arm: Arm, formulation: str, given: Collection[str] = (), axes: 
     """Return mesh options for an arm with jumps or kinks of the section, as fine as the default of a uniform arm.
 
     The result is {} if no link has a jump or kink; the formulation's default then applies. All links have the same
-    number of nodes or cells, the largest that a link requires. The number of nodes is at most 24 and at most the limit
-    of the link with the fewest intervals between jumps or kinks.
+    number of nodes or cells, the largest that a link requires. The number of nodes is at most 24. A link with few
+    intervals between jumps or kinks permits fewer nodes, and the lowest number that a link permits is used.
 
     Args:
         given: names of the options that the user sets; if the user sets mesh or modes, the result is {}. axes: axes of
