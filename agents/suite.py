@@ -106,7 +106,7 @@ class Arguments:
         minutes: time after which no further run is started.
         home: folder of the runs.
         results: folder of the results files; the pages are written beside it.
-        figures: folder of the figure of scores.
+        figures: folder of the figure of scores; default: docs/figures, or the folder of the pages with other --results.
         plan: only print the jobs.
         freeze: only write the references of tasks that have none: PD's mean returns, and the highest of all results.
         progress: show progress bars.
@@ -119,7 +119,7 @@ class Arguments:
     minutes: float | None = None
     home: Path = Path("runs/suite")
     results: Path = RESULTS
-    figures: Path = ROOT / "docs" / "figures"
+    figures: Path | None = None
     plan: bool = False
     freeze: bool = False
     progress: bool = True
@@ -268,7 +268,8 @@ def made(arguments: Arguments) -> None:
     if any(arguments.results.glob("*.json")):
         from flexarm_env.plotting.scores import plot_scores
 
-        found, figure = folder_of(arguments.results, earlier=True), arguments.figures / "suite.png"
+        usual = ROOT / "docs" / "figures" if arguments.results.resolve() == RESULTS else arguments.results.parent
+        found, figure = folder_of(arguments.results, earlier=True), (arguments.figures or usual) / "suite.png"
         figure.parent.mkdir(parents=True, exist_ok=True)
         plot_scores(*figure_data(found), figure)
         beside = os.path.relpath(figure, arguments.results.parent)
