@@ -61,6 +61,7 @@ def test_what_is_done_is_not_done_again(tmp_path: Path, monkeypatch: pytest.Monk
     assert reference.main() == 0
     assert ran == [TASKS[1].id, *(task.id for task in TASKS[3:])]
     assert (tmp_path / "suite.md").read_text().startswith("# Results on the suite")
+    assert (tmp_path / "suite.png").is_file()  # the figure of docs/results stays as it is
     job = reference.Job(reference.METHODS[0], 0, TASKS[0])
     assert job.done(tmp_path / "suite")
     monkeypatch.setattr(reference, "MANY", {TASKS[0].id: 200})  # its hundred alone is not enough
