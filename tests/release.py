@@ -37,7 +37,8 @@ from tests.versions import NEEDED, ROOT, ages, bounds, made, plain, pythons
 FOLDER = ROOT / ".venv-versions" / "release"
 CACHE = {"FLEXARM_CACHE_DIR": str(FOLDER / "cache")}
 PICTURES = ROOT / "runs" / "release"
-MOST_BYTES = 3_000_000
+MOST_BYTES = 4_000_000
+"""Largest size of the wheel. Torques of tasks at a wall take 0.8 MB of it: they cannot be rounded."""
 SECONDS = 60.0
 """Of processor time, for installing, making both players and their pictures, once compiled."""
 PAGE = ROOT / "docs" / "results" / "releases.md"
