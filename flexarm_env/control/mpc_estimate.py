@@ -40,14 +40,11 @@ def loop_radius(plant: Dynamics, K: Array, memory: float) -> float:
 
     K (N, S): gains of the regulator. The state of the loop has the arm's state and the predicted state.
     """
-    home, held = plant.still(np.zeros((1, plant.n_inputs)))
-    A, B = (slope[0] for slope in plant.jacobians(home, held))
-    C = plant.outputs(home)[1][0]
+    A, B, C = _linear(plant)
     by_prediction, by_outputs = estimate_maps(plant, memory)
     estimate = np.hstack([by_outputs @ C, by_prediction])
     arm = np.hstack([A, np.zeros_like(A)]) - B @ K @ estimate
-    loop = np.vstack([arm, (A - B @ K) @ estimate])
-    return float(np.abs(np.linalg.eigvals(loop)).max())
+    return _radius(np.vstack([arm, (A - B @ K) @ estimate]))
 
 
 def memory_for(arm: Arm, plant: Dynamics, K: Array, memory: float) -> float:
@@ -55,9 +52,8 @@ def memory_for(arm: Arm, plant: Dynamics, K: Array, memory: float) -> float:
 
     If none suffices, the weight with the fastest decay is returned, with a warning if deviations grow with it.
     """
-    home, held = plant.still(np.zeros((1, plant.n_inputs)))
-    A, B = (slope[0] for slope in plant.jacobians(home, held))
-    wanted = KEPT * math.log(np.abs(np.linalg.eigvals(A - B @ K)).max())
+    A, B, _ = _linear(plant)
+    wanted = KEPT * math.log(_radius(A - B @ K))
     found = {}
     for value in (memory, *(value for value in TRIED if value < memory)):
         found[value] = loop_radius(plant, K, value)
@@ -68,3 +64,15 @@ def memory_for(arm: Arm, plant: Dynamics, K: Array, memory: float) -> float:
         what = f"mpc: on arm {arm.name!r} with a control period of {plant.period:g} s the state estimate is unstable"
         warnings.warn(f"{what}: take lqr, or another control_dt", UserWarning, stacklevel=5)
     return best
+
+
+def _linear(plant: Dynamics) -> tuple[Array, Array, Array]:
+    """Return A (S, S), B (S, N) and C (O, S) of the straight arm at rest: x' = A x + B u, y = C x."""
+    home, held = plant.still(np.zeros((1, plant.n_inputs)))
+    (A,), (B,) = plant.jacobians(home, held)
+    return A, B, plant.outputs(home)[1][0]
+
+
+def _radius(matrix: Array) -> float:
+    """Return the largest absolute value of the eigenvalues."""
+    return float(np.abs(np.linalg.eigvals(matrix)).max())
