@@ -33,6 +33,13 @@ def test_there_is_a_recipe_for_each() -> None:
     ]  # fmt: skip
 
 
+@pytest.mark.parametrize("name", RECIPES)
+def test_the_diffs_of_a_recipe_apply(name: str, tmp_path: Path) -> None:
+    shutil.copytree(ROOT / PACKAGE, tmp_path / PACKAGE, ignore=shutil.ignore_patterns("__pycache__"))
+    for diff in re.findall(r"```diff\n(.*?)```", RECIPES[name], re.DOTALL):
+        assert change(tmp_path, diff)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "mode"), [*((name, "python") for name in RECIPES), ("A task", "llvm"), ("A contribution", "llvm")]
