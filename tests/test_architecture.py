@@ -40,8 +40,8 @@ _PHYSICS = {
 }  # fmt: skip
 _PUBLIC = {
     *_PHYSICS - {"physics"}, "around", "comparison", "control", "derivatives", "envs", "episodes", "exchange",
-    "identification", "library", "plotting", "recording", "remote", "sb3", "suite", "torch", "training", "view",
-    "__init__",
+    "goals", "identification", "library", "plotting", "recording", "remote", "sb3", "suite", "torch", "training",
+    "view", "__init__",
 }  # fmt: skip
 
 # room -> rooms it may import, apart from itself ("__init__" is the bare package: its version and public names)
@@ -99,6 +99,7 @@ ROOMS: dict[str, set[str]] = {
     "exchange": {*_DESCRIPTION, "simulation", "linear"},
     "envs": {*_PHYSICS, "compiler", "tasks"},
     "around": {"control"},
+    "goals": {"validation"},
     "torch": {"derivatives", "validation"},
     "plotting": {*_PHYSICS, "comparison", "view"},
     "recording": {*_DESCRIPTION, "trajectory", "batch", "envs", "episodes", "view"},
@@ -121,7 +122,9 @@ EXTERNALS: dict[str, set[str]] = {
     "stable_baselines3": {"sb3", "training"},
     "numba": set(),
     "llvmlite": {"compiler"},
-    "gymnasium": {*_ENTRANCES, "around", "derivatives", "envs", "recording", "remote", "sb3", "suite", "training"},
+    "gymnasium": {
+        *_ENTRANCES, "around", "derivatives", "envs", "goals", "recording", "remote", "sb3", "suite", "training",
+    },
     "pygame": {"envs"},
     "matplotlib": {"plotting"},
     "minari": {"recording"},

@@ -38,7 +38,7 @@ BOXES: dict[str, tuple[float, float, float, float, str, tuple[str, ...]]] = {
     "suite": (5.8, -0.05, 2.2, 0.9, COLORS[4], ("suite", "tasks as data, scores")),
     "derivatives": (8.6, -0.05, 2.0, 0.9, COLORS[2], ("derivatives, torch", "of control periods")),
     "users": (0.0, -1.45, 10.6, 0.9, COLORS[5],
-        ("around, comparison, episodes, exchange, plotting, recording, library, remote, sb3, training, cli",
+        ("around, comparison, episodes, exchange, goals, plotting, recording, library, remote, sb3, training, cli",
          "agents/ and benchmarks/, which are not installed")),
 }  # fmt: skip
 ARROWS = (
