@@ -1,4 +1,4 @@
-"""Draw docs/figures/architecture.svg: which room uses which.
+"""Draw docs/figures/architecture.svg: the modules of the package and their uses of each other.
 
 python docs/figures/architecture.py [FILE.svg]
 """
@@ -20,14 +20,14 @@ ROOMS = {path.stem for path in (HERE.parents[1] / "flexarm_env").iterdir()}
 # name: (x, y, width, height, colour, lines); y upwards
 BOXES: dict[str, tuple[float, float, float, float, str, tuple[str, ...]]] = {
     "compiler": (3.2, 6.0, 7.4, 0.55, COLORS[4], ("compiler, layout",)),
-    "describe": (0.0, 4.45, 2.6, 1.15, COLORS[0],
+    "describe": (-0.05, 4.3, 2.7, 1.45, COLORS[0],
         ("sections, curves, meshing", "bodies, rotations, rigid", "parameters, arms, sensors",
          "scene, scenes, settings, records", "time_functions, shapes, files")),
     "physics": (3.2, 4.45, 3.2, 1.15, COLORS[2],
         ("physics", "floating · exact · elastica", "space · joints · integrator")),
     "tasks": (7.0, 4.45, 1.5, 1.15, COLORS[1], ("tasks", "see, judge")),
     "runtime": (9.1, 4.45, 1.5, 1.15, COLORS[1], ("runtime", "an episode")),
-    "view": (0.0, 2.9, 2.6, 1.05, COLORS[5], ("view", "what is shown of a run", "the page that plays it")),
+    "view": (0.0, 2.9, 2.6, 1.05, COLORS[5], ("view", "data of a run to show", "the player's page")),
     "simulation": (3.2, 2.9, 3.2, 1.05, COLORS[0],
         ("simulation, rest, accuracy", "accuracy_space, geometry, trajectory", "one arm, a scene")),
     "batch": (9.1, 2.9, 1.5, 1.05, COLORS[0], ("batch", "many arms, a call")),
