@@ -141,9 +141,14 @@ def blocks(found: pages.Found) -> pages.Blocks:
     blind = [f"{head}: {one}." for one in found["blind"]]
     judged = [(f"`{stem}`", kind, *map(two, values)) for stem, kind, *values in found["runs"]]
     variants = [(v["label"], *(two(v[key]) for key in ("first", "rest", "other"))) for v in found["variants"]]
-    own = ", ".join(f"{f:.2f} Hz (ratio {z:.3f})" for f, z in found["frequencies"])
     seen = found["seen"]
-    single = ", ".join(f"{f:.2f} Hz ({z:.3f})" for f, z in found["oscillators"])
+    at_rest = f"median of {seen['count']} intervals, {seen['least']:.2f} to {seen['most']:.2f}"
+    modes = [
+        *(("fitted arm, both motors held", *pair) for pair in found["frequencies"]),
+        (f"robot with its joints at rest ({at_rest})", seen["frequency"], seen["damping"]),
+        *((f"oscillator {k} of the baseline", *pair) for k, pair in enumerate(found["oscillators"], 1)),
+    ]
+    vibrations = [(label, f"{frequency:.2f}", f"{ratio:.3f}") for label, frequency, ratio in modes]
     return {
         "fit": table("parameter | initial | fitted | 95 % interval | determined by the log", rows),
         "condition": [
@@ -152,14 +157,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
         ],
         "prediction": table("run | use | fitted | vendor | baseline | NRMSE", judged),
         "variants": table("fitted parameters | first 24 s | rest | `ladder_hinf_jun`", variants),
-        "frequencies": [
-            f"With both motors held, the fitted arm has these natural frequencies (with damping ratios): {own}. "
-            "While the joints of "
-            f"the robot rest, the measured frequency is {seen['frequency']:.2f} Hz (ratio {seen['damping']:.3f}). "
-            f"This frequency is the median of {seen['count']} intervals, with values from {seen['least']:.2f} to "
-            f"{seen['most']:.2f} Hz. The oscillators of the baseline have these frequencies "
-            f"(with damping ratios): {single}."
-        ],
+        "frequencies": table("vibration | frequency, Hz | damping ratio", vibrations),
     }  # fmt: skip
 
 
