@@ -230,21 +230,20 @@ def table_of(env_id: str, found: Row) -> list[str]:
 
 
 def cheapest(environments: dict[str, Row]) -> list[str]:
-    """Return lines that name the cheapest candidates within limit and aim, for each environment and for both."""
-    lines = []
+    """Format the cheapest candidates within limit and aim, for each environment and for both."""
+    cells = []
     for limit in (LIMIT, AIM):
         every = []
         for env_id, found in environments.items():
             rows = [row for row in found["candidates"] if worst(row) <= limit and not reduced(row["options"])]
             good = {label(row["options"]): row["microseconds_vector"] for row in rows}
             best = min(good, key=good.__getitem__, default="none")
-            cost = good.get(best, np.nan)
-            lines.append(f"- cheapest setting for {env_id} within {limit:g} %: {best} ({cost:.3f} us)")
+            cells.append((f"{limit:g} %", env_id, best, f"{good.get(best, np.nan):.3f}"))
             every.append(good)
         shared = set.intersection(*(set(good) for good in every))
         best = min(shared, key=lambda label: sum(good[label] for good in every), default="none")
-        lines.append(f"- cheapest setting for both environments within {limit:g} %: {best}")
-    return lines
+        cells.append((f"{limit:g} %", "both", best, ""))
+    return table("error within | environment | cheapest setting | µs, vector", cells)
 
 
 def blocks(found: pages.Found) -> pages.Blocks:

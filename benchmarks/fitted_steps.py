@@ -108,7 +108,7 @@ def run(motion: str, formulation: str, options: dict[str, Any], periods: int, ro
 
 def saved(rows: list[dict[str, Any]], tolerance: float = 1e-4) -> list[str]:
     """Compare the CPU time at a tolerance with that of the longest fixed step that meets it in all motions."""
-    lines = []
+    cells = []
     for formulation in WAYS:
         mine = [row for row in rows if row["formulation"] == formulation]
         fixed = [row for row in mine if "step_tolerance" not in row["options"]]
@@ -125,13 +125,10 @@ def saved(rows: list[dict[str, Any]], tolerance: float = 1e-4) -> list[str]:
             if row["options"].get("step_tolerance") == tolerance
             or ("step_tolerance" not in row["options"] and row["options"].get("dt") == max(enough))
         }
-        pairs = [f"{cpu[motion, True]:.2g} and {cpu[motion, False]:.2g} (`{motion}`)" for motion in MOTIONS]
-        lines.append(f"- For an error of at most {100 * tolerance:g} % of the length per "
-                     "control period, "
-                     f"fixed steps of `{formulation}` must be {1e3 * max(enough):.3g} ms in all motions. The CPU times "
-                     f"per control period, in µs, with adaptive steps and with fixed steps are "
-                     f"{', '.join(pairs)}.")  # fmt: skip
-    return lines
+        pairs = [f"{cpu[motion, True]:.2g} / {cpu[motion, False]:.2g}" for motion in MOTIONS]
+        cells.append((formulation, f"{1e3 * max(enough):.3g}", *pairs))
+    heads = f"CPU per control period, µs: adaptive / fixed steps, error {100 * tolerance:g} % | fixed step, ms | "
+    return table(heads + " | ".join(MOTIONS), cells)
 
 
 def blocks(found: pages.Found) -> pages.Blocks:
