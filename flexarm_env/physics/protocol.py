@@ -99,9 +99,8 @@ Output
     out_of_range(lane, model, par, q)
         Return 0.0 if the model is valid at q, otherwise a status code.
 
-    centerline(model, q, points)
-        Write positions along the chain (m) to points (n_points, 2 or 3) and return their number. The kernel has one
-        lane.
+    centerline(lane, model, q, points)
+        Write positions along the chain (m) to points (n_points, lanes of 2 or 3 numbers) and return their number.
 
 Reverse derivatives, which `compiler.vjp_of` derives from the functions above unless a formulation has a faster way
     solve_transposed(lane, model, S, x)
@@ -378,7 +377,7 @@ link_poses = FORMULATIONS.function("link_poses", "lane, model, par, q, v, out, t
 strain_gauge = FORMULATIONS.function("strain_gauge", "lane, model, q, row")
 set_joint_configuration = FORMULATIONS.function("set_joint_configuration", "lane, model, live, angles, rates, q, v")
 out_of_range = FORMULATIONS.function("out_of_range", "lane, model, par, q")
-centerline = FORMULATIONS.function("centerline", "model, q, points")
+centerline = FORMULATIONS.function("centerline", "lane, model, q, points")
 
 FORMULATIONS.defaults.update(
     correct_positions=returns_none, retract=_add, local_difference=_subtract,

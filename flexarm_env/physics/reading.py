@@ -8,17 +8,19 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ..compiler import SINGLE
 from ..layout import Layout
 from ..parameters import Arm
 from ..scene import Scene
 from ..settings import Settings
 from ..validation import Array
 from . import assembly
+from .equations import WITH_SLOPES, point_slopes
 from .gauges import over
 from .layout import POSE, POSES, ROOT, ROOT_RATES, SPACE_POSE, SPACE_POSES, TIP, TIP_RATES
 from .model import OWN, OWN_IN_SPACE, STIFFNESSES, System
 from .protocol import centerline
-from .space.reading import read
+from .space.reading import links, read, velocities
 
 
 def link_deflection(poses: Array) -> Array:
@@ -155,7 +157,18 @@ class Reading:
     def points(self, arm: Arm, settings: Settings, model: Any, q: Array) -> Array:
         """Return positions (P, 2), in space (P, 3), of points along the chain from root to tip, m."""
         points = np.full((assembly.room_for_points(settings, arm.n_links), 2), np.nan)
-        return points[: int(centerline(model, q, points))].copy()
+        return points[: int(centerline(SINGLE, model, q, points))].copy()
+
+    def point_slopes(self, arm: Arm, settings: Settings, model: Any, q: Array, ways: Array) -> Array:
+        """Return the derivatives (m, P, 2), in space (m, P, 3), of `points` along directions ways (m, n).
+
+        Changes of rotations are increments in body axes.
+        """
+        room, n, m = assembly.room_for_points(settings, arm.n_links), len(q), len(ways)
+        own, line = np.zeros(n * len(WITH_SLOPES)), np.zeros((room, 2 * len(WITH_SLOPES)))
+        points, slopes = np.zeros((room, 2)), np.zeros((m, room, 2))
+        count = int(point_slopes(WITH_SLOPES, model, q, ways, own, line, points, slopes))
+        return slopes[:, :count].copy()
 
     def start_angles(self, scene: Scene, poses: Array) -> Array:
         """Return the joint angles (N,), rad, at the start of a scene. poses: `Simulation.observe` at the start."""
@@ -229,6 +242,10 @@ class SpaceReading(Reading):
 
     def points(self, arm: Arm, settings: Settings, model: Any, q: Array) -> Array:
         return np.asarray(read(arm, settings, q[None], np.zeros((1, len(q))))["shapes"][0])
+
+    def point_slopes(self, arm: Arm, settings: Settings, model: Any, q: Array, ways: Array) -> Array:
+        # the velocity at the rates `ways` is the derivative along `ways`
+        return velocities(list(links(arm, settings, np.broadcast_to(q, ways.shape), ways)))
 
     def start_angles(self, scene: Scene, poses: Array) -> Array:
         return np.array(scene.angles)

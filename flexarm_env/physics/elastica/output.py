@@ -5,7 +5,7 @@ phi_j, sin phi_j) its unit tangent.
 """
 
 from ...compiler import Lanes, kernel, sincos, size, stack
-from ..arithmetic import scaled_by_share, store_vector
+from ..arithmetic import scaled_by_share, store_pair, store_vector
 from ..layout import OF_LOAD, POSE
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D
 from .eccentric import nonlinear_strain_energy, payload_position, root_position, subtract_rest_angles
@@ -203,16 +203,14 @@ def link_poses(lane, model, par, q, v, out, tasks=None):
 
 
 @kernel
-def centerline(model, q, points):
-    """Write positions along the chain, root + sum_j weight_pj e_j, to points[:, :2] (m); return their number.
+def centerline(lane, model, q, points):
+    """Write positions along the chain, root + sum_j weight_pj e_j, to points (m); return their number.
 
-    The kernel has one lane.
     q: coordinates of the arm.
     e_j: unit tangent of node j, inertial axes. DATA.points contains the weights of the drawn points p. Writing stops
-    when `points` (n, 2) is full.
+    when `points` (n, lanes of 2 numbers) is full.
     """
     D = model.data
-    lane = (0,)
     m = size(model.links) * size(model.nodes)
     first = constants(model).points
     count = min((D.shape[0] - first) // m, points.shape[0])
@@ -220,6 +218,6 @@ def centerline(model, q, points):
     _tangents(lane, model, q, x, c, s)
     root_x, root_y = _root(lane, model, q, c, s)
     for p in range(count):
-        points[p, 0] = root_x + weighted_sum(lane, D, first + p * m, c, m)
-        points[p, 1] = root_y + weighted_sum(lane, D, first + p * m, s, m)
+        x_p, y_p = weighted_sum(lane, D, first + p * m, c, m), weighted_sum(lane, D, first + p * m, s, m)
+        store_pair(lane, points[p], 0, (root_x + x_p, root_y + y_p))
     return count

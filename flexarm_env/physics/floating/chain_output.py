@@ -4,7 +4,7 @@ The Model is `physics.model.FloatingChain`, whose table is None, or `FloatingFra
 frame. `D` is one body's block of constants (`layout.BODY`). The argument for the `Mesh` of all bodies is called `mesh`,
 in kernels of a single body `model`."""
 
-from ...compiler import WIDEST, Lanes, absolute, kernel, load, select_lt, sincos, size, stack, store, unrolled
+from ...compiler import WIDEST, Lanes, absolute, kernel, select_lt, sincos, size, stack, unrolled
 from ..arithmetic import (
     gravity_along,
     load_pair,
@@ -369,49 +369,48 @@ def out_of_range(lane, model, par: Lanes, q: Lanes):
 
 
 @kernel
-def _sum(D, at, x, n):
-    """Return sum_j D[at + j] x_j for len(WIDEST) stations at once; D: lanes of stations; x (n,): numbers of one arm."""
-    total = load(WIDEST, D, at) * x[0]
+def _sum(lane, D, at, every, x: Lanes, n):
+    """Return sum_j D[at + every j] x_j, j < n; D: numbers of `every` drawing stations for each j; x (n,): lanes."""
+    total = x[0] * D[at]
     for j in range(1, n):
-        total = total + load(WIDEST, D, at + j) * x[j]
+        total = total + x[j] * D[at + every * j]
     return total
 
 
 @kernel
-def _draw(mesh, D, q, x0, y0, frame, line):
-    """Write x, then y (m, inertial axes) of a group of len(WIDEST) drawing stations of one body to line (2 lanes).
+def _draw(lane, mesh, D, i, q: Lanes, x0, y0, frame, line):
+    """Write x, y (m, inertial axes) of drawing station i of one body to line (2,).
 
-    # in       D: a `STATION`, each entry for all stations of the group; q: elastic coordinates; x0, y0: origin (m);
-    #          frame: `FRAME`
+    # in       D: a `STATION`, each entry for a group of len(WIDEST) stations; q: elastic coordinates;
+    #          x0, y0: origin (m); frame: `FRAME`
 
     See docs/theory.md, (4.1)."""
-    n = size(mesh.n)
+    n, every = size(mesh.n), len(WIDEST)
     at = station_at(0, n)
     # place in frame axes: shape functions, or modes with foreshortening q'H q / 2
-    x, y = load(WIDEST, D, at.x), _sum(D, at.v, q, n)
+    x, y = D[at.x * every + i], _sum(lane, D, at.v * every + i, every, q, n)
     if mesh.modal is None:
-        x = x + _sum(D, at.u, q, n)
+        x = x + _sum(lane, D, at.u * every + i, every, q, n)
     else:
-        bent = _sum(D, at.H, q, n) * q[0]
-        for i in range(1, n):
-            bent = bent + _sum(D, at.H + i * n, q, n) * q[i]
+        bent = _sum(lane, D, at.H * every + i, every, q, n) * q[0]
+        for j in range(1, n):
+            bent = bent + _sum(lane, D, (at.H + j * n) * every + i, every, q, n) * q[j]
         x = x - bent * 0.5
     # to inertial axes
-    c, s = frame[FRAME.cos], frame[FRAME.sin]
-    store(line, 0, x * c + x0 - y * s)
-    store(line, 1, x * s + y0 + y * c)
+    c, s = load_pair(lane, frame, FRAME.cos)
+    store_pair(lane, line, 0, (x * c + x0 - y * s, x * s + y0 + y * c))
 
 
 @kernel
-def centerline(model, q, points):
-    """Write points (m, inertial axes) along one arm to `points` (n_points, 2) and return the number of points.
+def centerline(lane, model, q: Lanes, points):
+    """Write points (m, inertial axes) along the arm to `points` (n, lanes of 2 numbers); return the number of points.
 
     The points are the root, then the drawing stations of all bodies from root to tip, until `points` is full. The last
     point of a link with rigid ends is its joint at the tip."""
-    lane, many = (0,), len(WIDEST)
+    many = len(WIDEST)
     mesh, n = model.mesh, size(model.mesh.n)
-    pose, frame, line = stack(lane, SIX), stack(lane, SIX), stack(WIDEST, (0, 0))
-    points[0, 0], points[0, 1] = q[0], q[1]
+    pose, frame = stack(lane, SIX), stack(lane, SIX)
+    store_pair(lane, points[0], 0, load_pair(lane, q, 0))
     count, stations = 1, constants(mesh).stations
     length = station_at(0, n).end * many
     for k in range(model.links):
@@ -420,16 +419,15 @@ def centerline(model, q, points):
             if b == k * model.segments:
                 far_point_pose(lane, end_of(model, k, ROOT_END), pose)
             D, e = model.data[model.block * b :], q[_elastic(model, b) :]
-            x0, y0 = pose[POSE.x], pose[POSE.y]
+            x0, y0 = load_pair(lane, pose, POSE.x)
             place(lane, mesh, D, e, e, pose, frame)
             for group in range((model.block - stations) // length):
-                _draw(mesh, D[stations + group * length :], e, x0, y0, frame, line)
                 for i in range(many):
                     if count == points.shape[0]:
                         return count
-                    points[count, 0], points[count, 1] = line[i], line[many + i]
+                    _draw(lane, mesh, D[stations + group * length :], i, e, x0, y0, frame, points[count])
                     count += 1
         far_point_pose(lane, end_of(model, k, TIP_END), pose)
         if model.rigid is not None:  # a link's last point is where its rigid end ends
-            points[count - 1, 0], points[count - 1, 1] = pose[POSE.x], pose[POSE.y]
+            store_pair(lane, points[count - 1], 0, load_pair(lane, pose, POSE.x))
     return count

@@ -389,12 +389,11 @@ STATIONS = 4
 
 
 @kernel
-def _drawn(points, count, r):
-    """Store the position r (m) in row `count` of points (P, 3) if there is room; return the new number of points."""
+def _drawn(lane, points, count, r):
+    """Store the position r (m) in row `count` of points if there is room; return the new number of points."""
     if count == points.shape[0]:
         return count
-    for d in range(3):
-        points[count, d] = r[d]
+    store_vector(lane, points[count], 0, r)
     return count + 1
 
 
@@ -411,39 +410,41 @@ def _cubic(left, right, s):
 
 
 @kernel
-def centerline(model, q, points):
-    """Store points of the centerline (m, inertial axes) in `points` (P, 3), from base to tip; return their number."""
+def centerline(lane, model, q, points):
+    """Store points of the centerline (m, inertial axes) in `points`, from base to tip; return their number.
+
+    points (P, lanes of 3 numbers); with less room nothing is written.
+    """
     # a planar arm's centerline is drawn by the planar formulation
-    if points.shape[1] < 3:
+    if points.shape[1] < 3 * len(lane):
         return 0
-    lane = (0,)
     tip = place_at(lane, q, q, 0)
-    count = _drawn(points, 0, tip.r)
+    count = _drawn(lane, points, 0, tip.r)
     for k in range(model.links):
         root = root_of(lane, model, q, q, k, tip)
-        count = _draw(model, k, q, root, points, _drawn(points, count, root.r))
+        count = _draw(lane, model, k, q, root, points, _drawn(lane, points, count, root.r))
         tip = last_section(lane, model, q, q, k, root)
         A = matrix(tip.p)
         along = _tip_lever(model, k) * A.T[0]
         if count_of(model, k) == 0:
             for j in range(1, STATIONS):
-                count = _drawn(points, count, tip.r + j / STATIONS * along)
-        count = _drawn(points, count, tip.r + along)
+                count = _drawn(lane, points, count, tip.r + j / STATIONS * along)
+        count = _drawn(lane, points, count, tip.r + along)
     return count
 
 
 @kernel
-def _draw(model, k, q, root, points, count):
+def _draw(lane, model, k, q, root, points, count):
     """Store STATIONS points per element of link k, or its Gauss points if q has strains; return the new count."""
     if model.strains is not None:
         if count_of(model, k) > 0:
             for j in range(len(model.points)):
-                count = _drawn(points, count, point_of(model, k, j, q, root))
+                count = _drawn(lane, points, count, point_of(lane, model, k, j, q, root))
         return count
     left = root
     for e in range(count_of(model, k)):
-        right = place_at((0,), q, q, vertex_row(model, k, e))
+        right = place_at(lane, q, q, vertex_row(model, k, e))
         for j in range(1, STATIONS + 1):
-            count = _drawn(points, count, _cubic(left, right, j / STATIONS))
+            count = _drawn(lane, points, count, _cubic(left, right, j / STATIONS))
         left = right
     return count

@@ -387,9 +387,9 @@ def strained_sums(lane, model, par, k, q, v, root):
 
 
 @kernel
-def point_of(model, k, i, q, root):
-    """Return the position (m, inertial axes) of Gauss point i of link k in one lane. root: `Place` of its root."""
-    lane, n, at, row = (0,), len(model.points), strained_at(model, k), strain_row(model, k)
+def point_of(lane, model, k, i, q, root):
+    """Return the position (m, inertial axes) of Gauss point i of link k. root: `Place` of the link's root."""
+    n, at, row = len(model.points), strained_at(model, k), strain_row(model, k)
     p, r = identity_rotation(lane), Vector(0.0, 0.0, 0.0)
     for j in range(n):
         p = turned_by(bend_of(lane, model, at, j, row, q, None, None), p)
