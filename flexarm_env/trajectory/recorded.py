@@ -139,7 +139,7 @@ class Trajectory:
     @property
     def arrays(self) -> dict[str, check.Shape]:
         """Names and shapes of the arrays that the run has, in the plane or in space."""
-        return ARRAYS[self.scene.axes]
+        return arrays_of(self.scene)
 
     @property
     def base_angle(self) -> Array:
@@ -351,14 +351,12 @@ class Trajectory:
             with check.under("scene"):
                 scene = Scene.from_toml(single.pop("scene") + "\n")
             known.setdefault("unresolved_damping", np.zeros(0))  # files of early runs lack it
-            for name in ARRAYS[scene.axes]:
-                check.needed("", known, name, _NO_TRAJECTORY)
+            arrays = {name: check.needed("", known, name, _NO_TRAJECTORY) for name in arrays_of(scene)}
             options = check.table_of("options", from_json(single.pop("options"), "options"))
             settings = Settings.make(single.pop("formulation"), **options)
             names = tuple(single.pop("names"))
             if settings.dt is None or names != assemble(computed(scene), settings).names:
                 raise check.InvalidValue("names", names, "must be the rows of the scene's state under its options")
-            arrays = {name: known[name] for name in ARRAYS[scene.axes]}
             run = cls(scene, settings, **arrays, names=names, **single, **own)
             run.check_arrays()
         return run
@@ -385,21 +383,24 @@ def _levels(path: str, value: object) -> tuple[int, ...]:
 
 _count: Reader = partial(check.integer, minimum=0)
 
-_LINKS, _SAMPLES = ("n", "links"), ("n",)
 _PLANE: dict[str, check.Shape] = {
-    "t": _SAMPLES, "start": ("n", 3), "tip": ("n", 3), "tip_velocity": ("n", 3), "hinges": ("n", "joints - 1", 2),
-    **dict.fromkeys(("joint_angles", "joint_rates", "motor_angles", "motor_rates", "joint_torque"), _LINKS),
-    "tip_deflection": _LINKS, "link_angles": ("n", "links", 2), "shapes": ("n", "points", 2),
-    **dict.fromkeys(("kinetic", "strain_energy", "gravity", "dissipated", "work"), _SAMPLES),
+    "t": ("n",), "start": ("n", 3), "tip": ("n", 3), "tip_velocity": ("n", 3), "hinges": ("n", "joints - 1", 2),
+    **dict.fromkeys(("joint_angles", "joint_rates", "motor_angles", "motor_rates", "joint_torque"), ("n", "links")),
+    "tip_deflection": ("n", "links"), "link_angles": ("n", "links", 2), "shapes": ("n", "points", 2),
+    **dict.fromkeys(("kinetic", "strain_energy", "gravity", "dissipated", "work"), ("n",)),
     "q": ("n", "rows"), "v": ("n", "rows"),
 }  # fmt: skip
 _SPACE: dict[str, check.Shape] = {name: shape for name, shape in _PLANE.items() if name != "link_angles"} | {
     "tip_velocity": ("n", 6), "hinges": ("n", "joints - 1", 3), "tip_deflection": ("n", "links", 2),
-    "shapes": ("n", "points", 3), "tip_rotation": ("n", 4), "twist": _LINKS, "link_rotations": ("n", "links", 2, 4),
-    "unresolved_damping": _SAMPLES,
-}
-ARRAYS = {"xy": _PLANE, "xyz": _SPACE}
-"""Arrays of a trajectory by the axes along which the arm moves; all their numbers are finite."""
+    "shapes": ("n", "points", 3), "tip_rotation": ("n", 4), "twist": ("n", "links"),
+    "link_rotations": ("n", "links", 2, 4), "unresolved_damping": ("n",),
+}  # fmt: skip
+
+
+def arrays_of(scene: Scene) -> dict[str, check.Shape]:
+    """Return names and shapes of the arrays of a scene's trajectory; all their numbers are finite."""
+    return _SPACE if scene.spatial else _PLANE
+
 
 SINGLE: dict[str, tuple[str, check.Shape]] = {
     "names": ("text", ("rows",)), "error_estimate": ("number", ()),
