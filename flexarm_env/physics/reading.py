@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from .. import rotations
 from ..compiler import SINGLE
 from ..layout import Layout
 from ..parameters import Arm
@@ -20,7 +21,7 @@ from .gauges import over
 from .layout import POSE, POSES, ROOT, ROOT_RATES, SPACE_POSE, SPACE_POSES, TIP, TIP_RATES
 from .model import OWN, OWN_IN_SPACE, STIFFNESSES, System
 from .protocol import centerline
-from .space.reading import links, read, velocities
+from .space.reading import links, read, tips, velocities
 
 
 def link_deflection(poses: Array) -> Array:
@@ -81,9 +82,9 @@ class Reading:
         poses: layout of a link's pose, as tasks read it. own: names of the parameters in which arms may differ
         (`model.OWN`). stiffnesses: names of the stiffnesses that have factors of their own. planes: planes of a link's
         axes in which the link bends. bent: names of a link's deflections and twist in observations. tip: entries of a
-        pose with the tip's position. passes: number of iterations for the derivatives of a step (`derivatives.runs`) if
-        the step's matrix is approximate in all formulations, otherwise None. output_names: names of the arrays in
-        `outputs`, without link numbers.
+        pose with the tip's position. place: components of `Trajectory.start` and `tip`. passes: number of iterations
+        for the derivatives of a step (`derivatives.runs`) if the step's matrix is approximate in all formulations,
+        otherwise None. output_names: names of the arrays in `outputs`, without link numbers.
     """
 
     poses: Layout = POSES
@@ -92,6 +93,7 @@ class Reading:
     planes: tuple[str, ...] = ("xy",)
     output_names: tuple[str, ...] = ("", "_rate", "deflection", "deflection_rate")
     bent: tuple[str, ...] = ("tip_deflection",)
+    place: tuple[str, ...] = ("x", "y", "angle")
     tip = slice(POSE.tip_x, POSE.tip_x + 2)
     passes: int | None = None
     meanings: ClassVar[dict[str, tuple[str, str]]] = {
@@ -184,6 +186,31 @@ class Reading:
         """Return fields of a `Trajectory` from states q, v (n, rows); poses: function that returns the links' poses."""
         return placed(system.coordinates, poses(), q, v)
 
+    def record(
+        self, arm: Arm, settings: Settings, system: System, fields: Mapping[str, Array], shapes: Array
+    ) -> dict[str, Any]:
+        """Return all fields of a `Trajectory` that follow from the arrays of `Simulation.record`."""
+        poses = fields["poses"]
+        lengths = np.array([link.span for link in arm.links])
+        bows = np.array([link.far.imag for link in arm.links])
+        return {
+            "deflection_bound": settings.deflection_bound, "start": poses[:, 0, ROOT],
+            "hinges": poses[:, 1:, POSE.x : POSE.angle], "tip_deflection": (link_deflection(poses) - bows) / lengths,
+            "shapes": shapes, **placed(system.coordinates, poses, fields["q"], fields["v"]),
+            "link_angles": poses[..., [POSE.angle, POSE.tip_angle]],
+        }  # fmt: skip
+
+    def compared_tips(self, arm: Arm, settings: Settings, q: Array, tip: Callable[[], Array]) -> Array:
+        """Return the tip's positions (n, 2), m, from which errors are estimated; in space positions and axes (n, 4, 3).
+
+        q (n, rows): states. tip: function that returns `Trajectory.tip`.
+        """
+        return tip()[:, :2]
+
+    def tip_inputs(self, tip: Array, velocity: Array, rotation: Array) -> dict[str, list[Array]]:
+        """Return the quantities at the tip that each sensor reads, from arrays of a `Trajectory`, by sensor."""
+        return {"accelerometer": [tip, velocity], "camera": [tip[:, :2]]}
+
 
 class SpaceReading(Reading):
     """Quantities of an arm in space."""
@@ -191,7 +218,7 @@ class SpaceReading(Reading):
     poses, own, stiffnesses = SPACE_POSES, OWN_IN_SPACE, tuple(STIFFNESSES)
     output_names = tuple(SHOWN)
     planes, bent = ("xy", "xz"), ("tip_deflection_y", "tip_deflection_z", "twist")
-    tip, passes = slice(SPACE_POSE.tip, SPACE_POSE.tip + 3), 10
+    tip, place, passes = slice(SPACE_POSE.tip, SPACE_POSE.tip + 3), ("x", "y", "z"), 10
     meanings = Reading.meanings | {
         "payload_inertia": ("", "a factor on the payload's tensor"), "EI_factor": ("", "on EI"),
         "EI_y_factor": ("", "on EI_y"), "GJ_factor": ("", "on GJ"),
@@ -258,6 +285,24 @@ class SpaceReading(Reading):
         self, arm: Arm, settings: Settings, system: System, q: Array, v: Array, poses: Callable[[], Array]
     ) -> dict[str, Any]:
         return read(arm, settings, q, v)
+
+    def record(
+        self, arm: Arm, settings: Settings, system: System, fields: Mapping[str, Array], shapes: Array
+    ) -> dict[str, Any]:
+        found = read(arm, settings, fields["q"], fields["v"])
+        return {"deflection_bound": math.inf, "unresolved_damping": fields["beyond"], **found}
+
+    def compared_tips(self, arm: Arm, settings: Settings, q: Array, tip: Callable[[], Array]) -> Array:
+        return tips(arm, settings, q)
+
+    def tip_inputs(self, tip: Array, velocity: Array, rotation: Array) -> dict[str, list[Array]]:
+        turn = rotations.of_quaternions(rotation)
+        A = rotations.matrices(turn)
+        spin = rotations.back(A, velocity[:, 3:])
+        return {
+            "accelerometer": [tip, turn, velocity[:, :3], spin], "gyroscope": [spin],
+            "camera": [tip, np.arcsin(np.clip(A[:, 1:, 0], -1.0, 1.0))],
+        }  # fmt: skip
 
 
 READINGS: dict[str, Reading] = {"xy": Reading(), "xyz": SpaceReading()}

@@ -54,7 +54,7 @@ def of_trajectory(run: Any, label: str | None, curvature: Any) -> Clip:
 
 
 def of_trajectory_in_space(run: Any, label: str | None, curvature: Any) -> SpaceClip:
-    """Return the clip of a `SpatialTrajectory`; it does not show curvatures."""
+    """Return the clip of a run in space; it does not show curvatures."""
     charts = [c for c in _forces(run.scene.arm, run.joint_torque, _energies(run), _moving) if c.series]
     return space.of_run(run, label, _note(run.settings, _ended(run)), charts)
 

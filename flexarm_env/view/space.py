@@ -103,7 +103,7 @@ def _bending(arm: Arm, deflection: Array, twist: Array) -> list[Chart]:
 
 
 def of_run(run: Any, label: str | None, note: str, charts: Sequence[Chart]) -> SpaceClip:
-    """Return the clip of a `SpatialTrajectory`.
+    """Return the clip of a run in space.
 
     charts: charts of torques and energies, which follow the charts of deflection and twist. label: name of the clip;
     None for the scene's name.

@@ -16,7 +16,8 @@ from flexarm_env.physics.contact.account import respond
 from flexarm_env.physics.contact.kinematics import less_obstacle, place_of
 from flexarm_env.physics.contact.law import gap_of
 from flexarm_env.physics.contact.layout import ACCOUNT, HERE, LAW, READ, REFERENCE, Paths, Touching, Watch
-from flexarm_env.physics.elastica.layout import DATA, ECCENTRIC, LOAD
+from flexarm_env.physics.elastica.chain import DATA
+from flexarm_env.physics.elastica.layout import ECCENTRIC, LOAD
 from flexarm_env.physics.layout import POSE, SPACE_POSE
 from flexarm_env.physics.model import Elastica, System
 from flexarm_env.physics.obstacles import packed

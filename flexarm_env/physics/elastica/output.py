@@ -8,8 +8,9 @@ from ...compiler import Lanes, kernel, sincos, size, stack
 from ..arithmetic import scaled_by_share, store_pair, store_vector
 from ..layout import OF_LOAD, POSE
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D
+from .chain import constants
 from .eccentric import nonlinear_strain_energy, payload_position, root_position, subtract_rest_angles
-from .layout import X, Y, constants, load_at, node_angles, weighted_sum
+from .layout import X, Y, load_at, node_angles, weighted_sum
 
 
 @kernel
@@ -94,7 +95,7 @@ def _bending(lane, model, shares, x: Lanes, y: Lanes):
         for i in range(1, n):
             row = 0.0
             for j in range(1, n):
-                row = row + (y[k * n + j] - from_y) * D[at.K + (k * n + i) * n + j]
+                row = row + (y[k * n + j] - from_y) * D[at.K_EI + (k * n + i) * n + j]
             total = total + scaled_by_share(shares, k, row * (x[k * n + i] - from_x))
     return total
 

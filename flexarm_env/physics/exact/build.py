@@ -43,7 +43,7 @@ def sections(arm: Arm, elements: int, order: int) -> Array:
         # h = l / 2: weights of Gauss points on [-1, 1] become lengths, and d/dx = (d/dxi) / h
         h, s = 0.5 * link.length / elements, link.mean
         J = max(s.J, LEAST_ROTARY * s.m * (2.0 * h) ** 2)
-        stiffness = {"k1": 0.25 * s.EA / h, "k2": 0.25 * s.C / h, "kb": 0.25 * s.EI / h}
+        stiffness = {"EA_2l": 0.25 * s.EA / h, "C_2l": 0.25 * s.C / h, "EI_2l": 0.25 * s.EI / h}
         rows.append(SECTION.pack({}, **stiffness, length=2.0 * h, ml=s.m * h, jl=J * h, own=_own(s)))
     return np.concatenate(rows)
 
@@ -65,9 +65,9 @@ def _varying(part: Link, order: int) -> Array:
     fine, (value, slope) = part.along(s), functions(order, 2.0 * s / l - 1.0)
     J = np.maximum(fine.J, LEAST_ROTARY * fine.m * l**2)
     return VARYING.pack(
-        {"order": order}, length=l, stretch=0.5 * points.EA / l, shear=0.5 * points.C / l,
-        bend=product(slope * (fine.EI * weights), slope.T) / l**2, mass=product(value * (fine.m * weights), value.T),
-        rotary=product(value * (J * weights), value.T), bending=0.5 * points.EI / l, own=_own(points),
+        {"order": order}, length=l, EA_2l=0.5 * points.EA / l, C_2l=0.5 * points.C / l,
+        K_EI=product(slope * (fine.EI * weights), slope.T) / l**2, mass=product(value * (fine.m * weights), value.T),
+        rotary=product(value * (J * weights), value.T), EI_2l=0.5 * points.EI / l, own=_own(points),
     )  # fmt: skip
 
 

@@ -1,8 +1,8 @@
 """Outputs of floating frames, with or without multipliers: input displacements, energies, poses, range, centerline.
 
 The Model is `physics.model.FloatingChain`, whose table is None, or `FloatingFrame`, in which each body has rows for its
-frame. `D` is one body's block of constants (`layout.BODY`). The argument for the `Mesh` of all bodies is called `mesh`,
-in kernels of a single body `model`."""
+frame. `D` is one body's block of constants (`constants.BODY`). The argument for the `Mesh` of all bodies is called
+`mesh`, in kernels of a single body `model`."""
 
 from ...compiler import WIDEST, Lanes, absolute, kernel, select_lt, sincos, size, stack, unrolled
 from ..arithmetic import (
@@ -17,7 +17,8 @@ from ..arithmetic import (
 from ..layout import OF_LOAD, POSE
 from ..model import DIVERGED, OUT_OF_RANGE, PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR
 from .body import along, constants, damping_time, dot, in_window, product, tip, turn_of_root
-from .layout import ANGLE, ELASTIC, FRAME, LOADED, START, acts_at, elastic_row, elbow_row, span_at, station_at, window
+from .constants import span_at, station_at
+from .layout import ANGLE, ELASTIC, FRAME, LOADED, START, acts_at, elastic_row, elbow_row, window
 from .rigid import ROOT_END, TIP_END, add_rigid_end, end_of, far_point_pose, to_payload
 
 SIX = (0,) * 6
@@ -164,11 +165,11 @@ def _damping(lane, model, D, par: Lanes, q, v: Lanes, x: Lanes, total):
     See docs/theory.md, (1.3)."""
     own, n, wide = constants(model), size(model.n), len(model.window)
     if model.damped is not None:
-        part = product(lane, model, D, own.K_bend, x, v) * par[STIFFNESS_FACTOR]
-        # linear stretch: K_axial
+        part = product(lane, model, D, own.K_EI, x, v) * par[STIFFNESS_FACTOR]
+        # linear stretch: K_EA
         # von Karman (theory, eq. 1.3): EA/l times both stretch rates, (g + H q)'v and (g + H q)'x
         if model.full is None and model.modal is None:
-            part = part + product(lane, model, D, own.K_axial, x, v)
+            part = part + product(lane, model, D, own.K_EA, x, v)
         else:
             span = span_at(own.spans, wide)
             for e in range(len(model.elements)):
@@ -257,12 +258,12 @@ def _energies(lane, model, D, par: Lanes, q: Lanes, v, frame):
     if model.modal is None:
         spun = spun + product(lane, model, D, own.B, v, q)
     kinetic = kinetic + w * spun
-    # U = 1/2 q^T K_bend q times the EI factor, less q^T K_bend q_0 of a curved body
-    strain = product(lane, model, D, own.K_bend, q, q) * (par[STIFFNESS_FACTOR] * 0.5)
+    # U = 1/2 q^T K_EI q times the EI factor, less q^T K_EI q_0 of a curved body
+    strain = product(lane, model, D, own.K_EI, q, q) * (par[STIFFNESS_FACTOR] * 0.5)
     if model.curved is not None:
         strain = strain + (D[own.spent] - dot(lane, model, D, own.moment, q)) * par[STIFFNESS_FACTOR]
     if model.full is None and model.modal is None:
-        strain = strain + product(lane, model, D, own.K_axial, q, q) * 0.5
+        strain = strain + product(lane, model, D, own.K_EA, q, q) * 0.5
     # elements: EA/(2 l) (g'q + q'H q / 2)^2 (theory, eq. 1.2)
     span = span_at(own.spans, wide)
     for e in range(len(model.elements)):

@@ -23,8 +23,8 @@ from ..protocol import NewtonPolicy
 from . import segments
 from .chain import SpatialBeam
 from .element import BOW
-from .layout import AXES, BODY, ELEMENT, FRAME, INNER, JOINT, LOAD, PLACE, WEIGHT, B, E, F, H, W, hinge_at, points_for
-from .segments import LEAST_ROTARY, Natural
+from .layout import AXES, BODY, ELEMENT, INNER, JOINT, LOAD, PLACE, B, E, F, H, hinge_at
+from .segments import FRAME, LEAST_ROTARY, WEIGHT, Natural, W, points_for
 
 Array = NDArray[np.float64]
 
@@ -147,7 +147,7 @@ def _elements(link: Link, n: int, damping: float) -> list[Array]:
                 {}, length=length, mass=masses[e], inertia=0.5 * length * rotary, EA=series["EA"][e],
                 shear=[1.0 / series[name][e] for name in ("C", "C_y")],
                 bow=[length**2 * second[name][e] for name in ("EI", "EI_y")],
-                bend=[series["GJ"][e], series["EI_y"][e], series["EI"][e]], rest=[0.0, 0.0, turns[e]],
+                EI=[series["GJ"][e], series["EI_y"][e], series["EI"][e]], rest=[0.0, 0.0, turns[e]],
                 chord=chords[e] + [0.0, tilts[1] * turns[e], 0.0], tilt=tilts, damping=damping,
             )
         )  # fmt: skip

@@ -13,12 +13,10 @@ import numpy as np
 from ...compiler import Lanes, kernel, sincos
 from ..arithmetic import store_vector
 from ..layout import ROTOR
-from ..model import EI_Y_FACTOR, GJ_FACTOR, STIFFNESS_FACTOR, TAU_D
 from ..protocol import NewtonPolicy, State
-from .element import Place, Section, add_block, scale
-from .layout import E, H, J, L, P, hinge_at, joint_row, rows_before
+from .element import Place, add_block
+from .layout import H, J, L, P, hinge_at, joint_row, rows_before
 from .rotations import (
-    Matrix,
     Vector,
     about_identity,
     add_vector,
@@ -27,12 +25,14 @@ from .rotations import (
     dot,
     load_vector,
     matrix,
+    nine_of,
     outer,
     plus_identity,
     quaternion,
     rotating_acceleration,
     skew,
     skewed,
+    three_of,
 )
 from .strained_layout import noted_at
 
@@ -119,48 +119,6 @@ class Hinge(NamedTuple):
     turn: Any
     lever: Any
     root: Vertex
-
-
-@kernel
-def three_of(lane, array, k):
-    """Return entries k, k + 1, k + 2 of a model array as a `Vector`; the vector is the same in all lanes."""
-    return Vector(array[k], array[k + 1], array[k + 2])
-
-
-@kernel
-def nine_of(lane, array, k):
-    """Return nine entries of a model array from k on, stored by rows, as a `Matrix` that is the same in all lanes."""
-    return Matrix(three_of(lane, array, k), three_of(lane, array, k + 3), three_of(lane, array, k + 6))
-
-
-@kernel
-def uneven_of(lane, model, i):
-    """Return (chord, a_y, a_z) of element i, see `bow_of`; None if no section and curvature varies along an element."""
-    if model.uneven is None:
-        return None
-    o = E.end * i
-    tilt = model.sections[o + E.tilt], model.sections[o + E.tilt + 1]
-    return three_of(lane, model.sections, o + E.chord), tilt[0], tilt[1]
-
-
-@kernel
-def factors_of(lane, par: Lanes):
-    """Return the arm's own factors (no unit) on the stiffnesses GJ, EI_y, EI as a `Vector`, from its parameters."""
-    return Vector(par[GJ_FACTOR], par[EI_Y_FACTOR], par[STIFFNESS_FACTOR])
-
-
-@kernel
-def section_at(lane, model, par: Lanes, i):
-    """Return the constants (`Section`) of element i, scaled by the arm's stiffness factors and tau_d in par."""
-    o, of, factors = E.end * i, model.sections, factors_of(lane, par)
-    tau = None if model.damped is None else par[TAU_D] * of[o + E.damping]
-    _, about_y, about_z = factors
-    # C* = 1 / (1/C + bow / factor): shear along y in series with residual bending about z, and vice versa
-    along_y = about_z / (about_z * of[o + E.shear] + of[o + E.bow])
-    along_z = about_y / (about_y * of[o + E.shear + 1] + of[o + E.bow + 1])
-    stretch = Vector(of[o + E.EA], along_y, along_z)
-    bend, rest = scale(three_of(lane, of, o + E.bend), factors), three_of(lane, of, o + E.rest)
-    return Section(of[o + E.length], stretch, bend, rest, uneven_of(lane, model, i), tau)
 
 
 @kernel

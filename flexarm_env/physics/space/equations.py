@@ -21,8 +21,6 @@ from .chain import (
     joint_kinematics,
     point_load_wrench,
     rotor_moment,
-    section_at,
-    three_of,
     transmit_wrench,
     vertex_at,
 )
@@ -30,7 +28,7 @@ from .element import forces, inertia_wrenches, middle, tangent
 from .elimination import factor, solve
 from .framed import framed
 from .inner import elements_before
-from .layout import AXES, B, E, F, H, J, L, before, count_of, factor_at, hinge_at, joint_row
+from .layout import AXES, B, E, F, H, J, L, before, count_of, factor_at, hinge_at, joint_row, section_at
 from .matrix import add_stiffness, matrix_in, store_spin_lag
 from .moving import local_difference, note_inverse, noted_inverse, retract, tangent_map, vertices_of
 from .output import (
@@ -44,7 +42,7 @@ from .output import (
     set_joint_configuration,
     strain_gauge,
 )
-from .rotations import Vector, add_vector, cross, dot, load_vector, matrix, store_matrix
+from .rotations import Vector, add_vector, cross, dot, load_vector, matrix, store_matrix, three_of
 from .settled import correct_positions
 from .strained import elastic, strained_difference, strained_update, sweep_inward, sweep_outward
 from .strained_layout import noted_at

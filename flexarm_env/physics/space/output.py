@@ -7,12 +7,12 @@ from ..arithmetic import store_vector, store_where
 from ..layout import SPACE_POSE as SP
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS
 from ..protocol import State
-from .chain import body_sums, joint_placement, place_at, section_at, three_of
-from .element import Place, element_damping, middle, middle_of, scale
+from .chain import body_sums, joint_placement, place_at
+from .element import Place, element_damping, middle, middle_of
 from .frame import frame_of
 from .framed import frame_damping, frame_damping_over, frame_sums
 from .inner import elements_before
-from .layout import AXES, E, G, J, L, P, count_of, joint_row, vertex_row
+from .layout import AXES, E, G, J, L, P, count_of, joint_row, section_at, vertex_row
 from .moving import vertices_of
 from .rotations import (
     Vector,
@@ -23,7 +23,9 @@ from .rotations import (
     load_vector,
     matrix,
     rotation_vector,
+    scale,
     shortest_rotation,
+    three_of,
     turn_of,
 )
 from .strained import last_place, point_of, strained_damping, strained_sums
@@ -62,13 +64,12 @@ def restore_chords(lane, model, start, q):
 def _element_sums(lane, model, par, left, right, element):
     """Return ((kinetic, strain, gravitational) energy in J, momentum in kg m/s, inertial axes) of an exact element.
 
-    left, right: `Place` (position, rotation, rates) of each end. element: index over all links. See docs/theory.md,
-    (9.2)."""
+    left, right: `Place` (position, rotation, rates) of each end. element: index over all links. See theory, (9.2)."""
     # inlined: each step of a free arm needs the momentum alone, and unused energies are then not compiled
     section = section_at(lane, model, par, element)
     gamma, bent = middle(section, left, right)[0]
     stretch = dot(gamma, scale(gamma, section.stretch)) * section.length
-    strain = (stretch + dot(bent, scale(bent, section.bend)) / section.length) * 0.5
+    strain = (stretch + dot(bent, scale(bent, section.EI)) / section.length) * 0.5
     # Simpson's rule: 4/6 m at the middle, m and J (section axes) at the ends
     masses, gravity = three_of(lane, model.sections, E.end * element + E.mass), 0.0
     r, rate = middle_of(section.length, left, right)
@@ -166,7 +167,7 @@ def damping_power(lane, model, par, q, v, x, since=None):
                 stretch, bend = middle(section, tip_v, right_v)[2]
                 by_stretch, by_bend = middle(section, tip_x, right_x)[2]
                 power = dot(by_stretch, scale(stretch, section.stretch)) * section.length
-                power = power + dot(by_bend, scale(bend, section.bend)) / section.length
+                power = power + dot(by_bend, scale(bend, section.EI)) / section.length
             else:
                 power = frame_damping(lane, model, par, at, tip_v, right_v, tip_x, right_x, first + e)
             total = total + power * section.tau

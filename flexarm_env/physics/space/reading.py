@@ -113,7 +113,7 @@ def velocities(found: Sequence[LinkMotion]) -> Array:
 
 
 def read(arm: Arm, settings: Settings, q: Array, v: Array) -> dict[str, Any]:
-    """Return the fields of a `SpatialTrajectory` from states q, v (n, rows), as keyword arguments."""
+    """Return the fields of a `Trajectory` in space from states q, v (n, rows), as keyword arguments."""
     found = list(links(arm, settings, q, v))
     n, N = len(q), arm.n_links
     deflection, twist = np.zeros((n, N, 2)), np.zeros((n, N))
