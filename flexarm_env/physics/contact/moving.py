@@ -11,7 +11,7 @@ from ...compiler import Lanes, kernel, lane_count, size, stack
 from .. import protocol
 from ..integrator.drive import evaluate
 from .clearance import may_touch
-from .kinematics import meeting, motion_of, obstacle_count, place_of, wrench
+from .kinematics import meeting, motion_of, motions, obstacle_count, place_of, wrench
 from .layout import ACCOUNT
 
 _account = kernel(ACCOUNT.offsets)
@@ -28,7 +28,7 @@ def add_reactions(lane, part, model, par, q, v, r: Lanes):
     """Add the forces (N) of moving obstacles on the arm at q, v to the rows of the obstacles' displacements in r."""
     y, poses = stack(lane, model.points), stack(lane, part.poses)
     protocol.input_displacements(lane, model.arm, par, q, y)
-    protocol.task_poses(lane, model.arm, par, q, v, poses)
+    motions(lane, part, model, par, q, v, poses)
     for p in range(len(part.points)):
         velocity, spin = motion_of(lane, part, poses, p)
         for o in range(obstacle_count(part)):
