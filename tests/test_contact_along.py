@@ -235,7 +235,7 @@ def test_players_draw_the_force_at_the_point() -> None:
     env: Any = gym.make("FlexibleArm-v0", contacts=POST).unwrapped
     env.reset(seed=0, options={"start": 0.1})
     views = []
-    for _ in range(20):
+    for _ in range(40):
         env.step(np.array([0.5], np.float32))
         views.append(env.snapshot())
     (pull,) = contact_pulls(env.plan, views, [len(views[0].points) - 1], views[0].points)
