@@ -194,7 +194,8 @@ class FloatingChain(NamedTuple):
     loads: int64, one `physics.floating.layout.LOADED` per point load, or None
     jointed: (0,) in a `Jointed` arm, otherwise None
     eccentric: float64 (2,), distance (m) from the tip to the payload's center along and across the tip's tangent, or
-    None"""
+    None
+    inside: (0,) if a point load acts between two bodies of a link, otherwise None"""
 
     n: int
     n_factor: int
@@ -215,6 +216,7 @@ class FloatingChain(NamedTuple):
     loads: np.ndarray | None
     jointed: tuple[int, ...] | None
     eccentric: np.ndarray | None
+    inside: tuple[int, ...] | None = None
 
 
 class ExactBeam(NamedTuple):

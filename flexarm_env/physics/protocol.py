@@ -75,6 +75,10 @@ Work, energy and momentum
         Write to y[i] the displacement (rad or m) on which input i does work. With since = (start, y0), rotations are
         integrated from their values y0 at the coordinates `start`, because rotations do not add up.
 
+    input_rates(lane, model, par, q, v, y)
+        Write to y[i] the rate (rad/s or m/s) of the displacement on which input i does work, in space also the angular
+        velocities about inertial axes. Only arms with contact points along their links need this function.
+
     energy(lane, model, par, q, v)
         Return the kinetic, strain and gravitational energy, J.
 
@@ -365,6 +369,7 @@ vjp_product = FORMULATIONS.function(
 )
 vjp_poses = FORMULATIONS.function("vjp_poses", "lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar")
 input_displacements = FORMULATIONS.function("input_displacements", "lane, model, par, q, y, since")
+input_rates = FORMULATIONS.function("input_rates", "lane, model, par, q, v, y")
 local_difference = FORMULATIONS.function("local_difference", "lane, model, start, q, d")
 retract = FORMULATIONS.function("retract", "lane, model, q, share, d, more")
 tangent_map = FORMULATIONS.function("tangent_map", "lane, model, d, inverse, x")

@@ -18,7 +18,7 @@ from flexarm_env.physics.linalg import product, solve
 from flexarm_env.physics.materials import BENDING, bending
 from flexarm_env.physics.model import BEAM, Elastica, System, damped
 from flexarm_env.physics.protocol import NewtonPolicy
-from flexarm_env.scene import PointLoad, Scene
+from flexarm_env.scene import InnerLoad, PointLoad, Scene
 from flexarm_env.settings import Settings
 
 Array = NDArray[np.float64]
@@ -107,8 +107,9 @@ def physical(model: Elastica) -> Elastica:
 
 
 def _end(chain_: Chain, load: PointLoad) -> dict[str, Array]:
-    """Return the fields `arm` (m) and `angle` of `layout.LOAD` for a point load at a link's root or tip."""
-    s = _ends(chain_.lines[load.link])[load.end == "tip"]
+    """Return the fields `arm` (m) and `angle` of `layout.LOAD` for a point load on a link."""
+    line = chain_.lines[load.link]
+    s = line.length * load.place if isinstance(load, InnerLoad) else _ends(line)[load.end == "tip"]
     return {"arm": chain_.arms_to(load.link, np.array([s]))[0], "angle": chain_.angle_at(load.link, s)}
 
 

@@ -78,6 +78,29 @@ def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
 
 
 @kernel
+def input_rates(lane, model, par, q, v: Lanes, y: Lanes):
+    """Write the rates of `input_displacements` to y: joint rates (rad/s), then velocity (m/s), rate of each load point.
+
+    q: coordinates of the arm. v: their rates. The velocity of a load is that of the root plus sum_j arm_j e_j'.
+    """
+    n, links = size(model.nodes), size(model.links)
+    m = n * links
+    for k in range(links):
+        y[k] = v[k * n]
+    x, rate = stack(lane, model.scratch), stack(lane, model.scratch)
+    c, s = stack(lane, model.scratch), stack(lane, model.scratch)
+    ex, ey = stack(lane, model.scratch), stack(lane, model.scratch)
+    _moving_tangents(lane, model, q, v, x, rate, c, s, ex, ey)
+    root_x, root_y = rate[0] * 0.0, rate[0] * 0.0
+    if model.root is not None:
+        root_x, root_y = root_position(lane, model, v, ex, ey)
+    for f in range((size(model.n_inputs) - links) // OF_LOAD.end):
+        at, k = load_at(model, f), links + OF_LOAD.end * f
+        px, py = weighted_sum(lane, model.loads, at.arm, ex, m), weighted_sum(lane, model.loads, at.arm, ey, m)
+        store_vector(lane, y, k, (root_x + px, root_y + py, weighted_sum(lane, model.loads, at.angle, rate, m)))
+
+
+@kernel
 def _bending(lane, model, shares, x: Lanes, y: Lanes):
     """Return sum_k share_k x^T K_k y over links k; x, y: node angles or rates. Unit: N m times the units of x and y.
 

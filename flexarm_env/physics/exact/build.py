@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ... import curves
 from ... import validation as check
 from ...parameters import Arm, Link, Section
-from ...scene import PointLoad, Scene
+from ...scene import InnerLoad, PointLoad, Scene
 from ...sections import Properties
 from ...settings import Settings
 from ..layout import OF_LOAD
@@ -120,7 +120,8 @@ def rigid_ends(scene: Scene) -> Array:
     for load in scene.loads:
         if isinstance(load, PointLoad):
             before = load.link - (load.end == "root")
-            loads.append(links[before].tip_offset if before >= 0 else 0.0)
+            beyond = before >= 0 and not isinstance(load, InnerLoad)
+            loads.append(links[before].tip_offset if beyond else 0.0)
     return LEVERS.pack({"links": len(links), "loads": len(loads)}, levers=levers(scene.arm), loads=loads)
 
 
@@ -206,6 +207,10 @@ def rows(arm: Arm, elements: int, order: int) -> tuple[tuple[str, ...], dict[str
 def load_rows(load: PointLoad, arm: Arm, elements: int, order: int) -> list[int]:
     """Return a point load's `ROWS_OF_LOAD`: rows of x, y, psi of its vertex and of the hinge angle (or -1)."""
     at, at_tip = CHAIN.offsets(0, arm.n_links, elements, order), load.end == "tip"
+    if isinstance(load, InnerLoad):
+        # the vertex at the load: elements of uniform links have equal lengths
+        row = at.elements + AXES * order * (elements * load.link + round(load.place * elements))
+        return [row + X, row + Y, row + T, -1]
     first = at.elements + AXES * order * elements * (load.link + at_tip)
     hinge = -1 if at_tip or load.link == 0 else at.hinges + load.link - 1
     return [first + X, first + Y, first + T, hinge]

@@ -59,6 +59,29 @@ def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
 
 
 @kernel
+def input_rates(lane, model, par, q: Lanes, v: Lanes, y: Lanes):
+    """Write the rates of `input_displacements` to y: joint rates (rad/s), then velocity (m/s), rate of each load point.
+
+    A load at the end of a lever (length l along psi) moves at (x', y') + l psi' (-sin psi, cos psi).
+    """
+    rows, links = rows_of(model), model.links
+    y[0] = v[T]
+    for k in range(1, links):
+        y[k] = v[rows.hinges + k - 1]
+    for f in range(model.loads.shape[0] // ROWS_OF_LOAD.end):
+        of = model.loads[ROWS_OF_LOAD.end * f :]
+        vx, vy = v[of[ROWS_OF_LOAD.x]], v[of[ROWS_OF_LOAD.y]]
+        rate = v[of[ROWS_OF_LOAD.psi]]
+        if model.rigid is not None:
+            turned = rate * model.rigid[lever_at(links, 0) + f]
+            sine, cosine = sincos(q[of[ROWS_OF_LOAD.psi]])
+            vx, vy = vx - sine * turned, vy + cosine * turned
+        if of[ROWS_OF_LOAD.hinge] >= 0:
+            rate = rate + v[of[ROWS_OF_LOAD.hinge]]
+        store_vector(lane, y, links + OF_LOAD.end * f, (vx, vy, rate))
+
+
+@kernel
 def energy(lane, model, par: Lanes, q: Lanes, v: Lanes):
     """Return (kinetic, strain, gravitational) energy of the chain, J; gravitational energy is 0 at the origin.
 

@@ -13,12 +13,23 @@ from numpy.typing import NDArray
 
 from ... import validation as check
 from ...parameters import Arm, Link, Payload
-from ...scene import PointLoad, Scene
+from ...scene import InnerLoad, PointLoad, Scene
 from ...settings import MODAL_BOUND, Settings
 from ..model import BEAM, FloatingChain, FloatingFrame, Mesh, System, fixed_rows, levers
 from ..protocol import NewtonPolicy
 from .constants import Body, finite_element_body, free_coordinates
-from .layout import ANGLE, ELASTIC, FACTORS, JOINT, LEVER_FACTORS, ROOT, ROW, STRAIN, VECTORS
+from .layout import (
+    ANGLE,
+    ELASTIC,
+    FACTORS,
+    INNER,
+    JOINT,
+    LEVER_FACTORS,
+    ROOT,
+    ROW,
+    STRAIN,
+    VECTORS,
+)
 from .reduction import inertia_margins, modal_body
 
 HONOURS = {**BEAM, Arm: (*BEAM[Arm], "mass_damping")}
@@ -184,6 +195,7 @@ def _shared(scene: Scene, settings: Settings, bodies: list[Body], offsets: NDArr
         for body, share, offset, limit in zip(bodies, shares, offsets, limits, strict=True)
     ]
     point_loads = [load for load in scene.loads if isinstance(load, PointLoad)]
+    loaded = np.array([(load.link, _side(load, segments)) for load in point_loads], np.int64)
     return {
         "n_inputs": arm.n_links + 3 * len(point_loads),
         "mesh": mesh,
@@ -193,8 +205,15 @@ def _shared(scene: Scene, settings: Settings, bodies: list[Body], offsets: NDArr
         "bound": 0.0 if settings.modes is None else MODAL_BOUND,
         "data": np.concatenate(blocks),
         "gravity": None if scene.gravity is None else np.array(scene.gravity),
-        "loads": np.array([(p.link, p.end == "tip") for p in point_loads], np.int64).ravel() if point_loads else None,
+        "loads": loaded.ravel() if point_loads else None,
     }
+
+
+def _side(load: PointLoad, segments: int) -> int:
+    """Return the `LOADED.side` of a point load on a link of so many segments."""
+    if isinstance(load, InnerLoad):
+        return INNER + round(load.place * segments) - 1
+    return int(load.end == "tip")
 
 
 def _chain(scene: Scene, settings: Settings) -> System:
@@ -240,6 +259,7 @@ def _chain(scene: Scene, settings: Settings) -> System:
         table=None,
         jointed=(0,) if arm.jointed else None,
         eccentric=np.array(arm.payload.offset) if eccentric else None,
+        inside=(0,) if any(isinstance(load, InnerLoad) for load in scene.loads) else None,
         **_shared(scene, settings, bodies, np.zeros(count)),
     )
     return System.of(arm, model, q0, coordinates, names, ((0, 1),), (ANGLE,))

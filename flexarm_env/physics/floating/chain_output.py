@@ -14,18 +14,18 @@ from ..arithmetic import (
     store_pair,
     store_vector,
 )
-from ..layout import OF_LOAD, POSE
+from ..layout import POSE
 from ..model import DIVERGED, OUT_OF_RANGE, PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR
 from .body import along, constants, damping_time, dot, in_window, product, tip, turn_of_root
 from .constants import span_at, station_at
-from .layout import ANGLE, ELASTIC, FRAME, LOADED, START, acts_at, elastic_row, elbow_row, window
+from .layout import ELASTIC, FRAME, START, elastic_row, elbow_row, window
 from .rigid import ROOT_END, TIP_END, add_rigid_end, end_of, far_point_pose, to_payload
 
 SIX = (0,) * 6
 
 
 @kernel
-def _enter(lane, model, q: Lanes, v: Lanes, k, b, pose: Lanes):
+def enter(lane, model, q: Lanes, v: Lanes, k, b, pose: Lanes):
     """Write the pose (6,) of the root section of body b of link k: position, angle and their rates, inertial axes.
 
     On entry, pose is that of the tip section before body b. The pose of the first body, or of a body with its own frame
@@ -44,7 +44,7 @@ def _enter(lane, model, q: Lanes, v: Lanes, k, b, pose: Lanes):
 
 
 @kernel
-def _elastic(model, b):
+def elastic_of(model, b):
     """Return the row of body b's first elastic coordinate, in a chain or with multipliers (model.table is not None)."""
     if model.table is None:
         return elastic_row(model, b)
@@ -91,7 +91,7 @@ def place(lane, model, D, q, v, pose: Lanes, frame: Lanes):
 
 
 @kernel
-def _visit(lane, model, q: Lanes, v: Lanes, tell, out):
+def visit(lane, model, q: Lanes, v: Lanes, tell, out):
     """Call tell(lane, model, k, end, pose, out) at the root and at the tip of each link k, along the chain.
 
     pose (6,), `POSE`: x, y, angle and rates of the section at the joint, beyond rigid ends; inertial axes.
@@ -102,11 +102,11 @@ def _visit(lane, model, q: Lanes, v: Lanes, tell, out):
     pose, frame = stack(lane, SIX), stack(lane, SIX)
     for k in range(model.links):
         for b in range(k * model.segments, (k + 1) * model.segments):
-            _enter(lane, model, q, v, k, b, pose)
+            enter(lane, model, q, v, k, b, pose)
             if b == k * model.segments:
                 tell(lane, model, k, ROOT_END, pose, out)
                 far_point_pose(lane, end_of(model, k, ROOT_END), pose)
-            e = _elastic(model, b)
+            e = elastic_of(model, b)
             place(lane, model.mesh, model.data[model.block * b :], q[e:], v[e:], pose, frame)
         far_point_pose(lane, end_of(model, k, TIP_END), pose)
         tell(lane, model, k, TIP_END, pose, out)
@@ -114,7 +114,7 @@ def _visit(lane, model, q: Lanes, v: Lanes, tell, out):
 
 @kernel
 def _to_pose(lane, model, link, end, pose: Lanes, out: Lanes):
-    """Copy a pose (6,) into the `POSE` of a link in out: at its root (end 0) or tip (end 1). Argument of `_visit`."""
+    """Copy a pose (6,) into the `POSE` of a link in out: at its root (end 0) or tip (end 1). Argument of `visit`."""
     for i in range(6):
         out[POSE.end * link + POSE.tip_x * end + i] = pose[i]
 
@@ -124,34 +124,7 @@ def link_poses(lane, model, par, q, v, out, tasks=None):
     """Write x, y (m), angle (rad) and their rates of each link's root, then of its tip, in inertial axes.
 
     out: one `layout.POSES` record for each link. q, v: coordinates and rates of the arm."""
-    _visit(lane, model, q, v, _to_pose, out)
-
-
-@kernel
-def _to_loads(lane, model, link, end, pose, y):
-    """Write x, y (m), angle (rad) of a pose to the rows of y for point loads at this end; an argument of `_visit`."""
-    for f in range(model.loads.shape[0] // LOADED.end):
-        if acts_at(model.loads, f, link, end):
-            store_vector(lane, y, model.links + OF_LOAD.end * f, load_vector(lane, pose, POSE.x))
-
-
-@kernel
-def ports_of_loads(lane, model, q, y):
-    """Write the position (m, inertial axes) and section angle (rad) at each point load to y, after the joint angles."""
-    if model.loads is not None:
-        _visit(lane, model, q, q, _to_loads, y)
-
-
-@kernel
-def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
-    """Write the displacements on which inputs do work to y: joint angles, then x, y, angle at each point load.
-
-    Joint angles (rad) are the root's angle and the elbows' relative angles. Positions (m) are in inertial axes, section
-    angles in rad. since is not read, because angles in the plane add up."""
-    y[0] = q[ANGLE]
-    for k in range(1, model.links):
-        y[k] = q[elbow_row(model, k)]
-    ports_of_loads(lane, model, q, y)
+    visit(lane, model, q, v, _to_pose, out)
 
 
 @unrolled
@@ -219,10 +192,10 @@ def damping_power(lane, model, par, q: Lanes, v: Lanes, x: Lanes):
     v: rates of the arm."""
     total, mesh, last = 0.0, model.mesh, model.links * model.segments - 1
     for b in range(last + 1):
-        e = _elastic(model, b)
+        e = elastic_of(model, b)
         total = _damping(lane, mesh, model.data[model.block * b :], par, q[e:], v[e:], x[e:], total)[0]
     if mesh.drag is not None:
-        e = _elastic(model, last)
+        e = elastic_of(model, last)
         total = total + _payload_drag(lane, mesh, model.data[model.block * last :], par, q[e:], v[e:], x[e:])[0]
     return total
 
@@ -298,10 +271,10 @@ def energy(lane, model, par: Lanes, q: Lanes, v: Lanes):
     gx, gy = gravity_along(model.gravity, 0), gravity_along(model.gravity, 1)
     for k in range(model.links):
         for b in range(k * model.segments, (k + 1) * model.segments):
-            _enter(lane, model, q, v, k, b, pose)
+            enter(lane, model, q, v, k, b, pose)
             if b == k * model.segments:
                 add_rigid_end(lane, end_of(model, k, ROOT_END), pose, ends)
-            e, D = _elastic(model, b), model.data[model.block * b :]
+            e, D = elastic_of(model, b), model.data[model.block * b :]
             (x, y), mass = load_pair(lane, pose, POSE.x), D[constants(model.mesh).mass]
             place(lane, model.mesh, D, q[e:], v[e:], pose, frame)
             moving, bent, mx, my = _energies(lane, model.mesh, D, par, q[e:], v[e:], frame)
@@ -359,7 +332,7 @@ def out_of_range(lane, model, par: Lanes, q: Lanes):
     the code."""
     status, payload = 0.0, par[PAYLOAD_MASS]
     for b in range(model.links * model.segments - 1, -1, -1):
-        own = q[_elastic(model, b) :]
+        own = q[elastic_of(model, b) :]
         deflection, lost = _ranges(lane, model.mesh, model.data[model.block * b :], payload, own)
         payload = 0.0
         if model.mesh.modal is not None:
@@ -416,10 +389,10 @@ def centerline(lane, model, q: Lanes, points):
     length = station_at(0, n).end * many
     for k in range(model.links):
         for b in range(k * model.segments, (k + 1) * model.segments):
-            _enter(lane, model, q, q, k, b, pose)
+            enter(lane, model, q, q, k, b, pose)
             if b == k * model.segments:
                 far_point_pose(lane, end_of(model, k, ROOT_END), pose)
-            D, e = model.data[model.block * b :], q[_elastic(model, b) :]
+            D, e = model.data[model.block * b :], q[elastic_of(model, b) :]
             x0, y0 = load_pair(lane, pose, POSE.x)
             place(lane, mesh, D, e, e, pose, frame)
             for group in range((model.block - stations) // length):

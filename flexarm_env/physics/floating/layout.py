@@ -126,16 +126,19 @@ ROOT = Layout(
     Field("own", (), "", "stiffness (N m) from `add_stiffness` at the hub"),
     Field("factors", (3, 3), "", "LU of the whole chain condensed to x, y, angle of the root; inverted pivots"),
 ).places  # fmt: skip
-# a point load acts on a link's root or tip (side 0 or 1)
+# a point load acts on a link's root or tip (side 0 or 1), or between two of the link's bodies
 LOADED = Layout(
-    "Loaded", "", Field("link", (), "", "link that a point load acts on"), Field("side", (), "", "end: 0 root, 1 tip")
-).places
+    "Loaded", "", Field("link", (), "", "link that a point load acts on"),
+    Field("side", (), "", "end: 0 root, 1 tip; `INNER` + b: tip of the link's body b, which is not the last"),
+).places  # fmt: skip
+INNER = 2
+"""Value of `LOADED.side` for the tip of a link's first body."""
 factors_at = kernel(FACTORS.offsets)
 
 
 @kernel
 def acts_at(loads, f, link, end):
-    """Return whether point load f acts at an end (0 root, 1 tip) of a link; `loads` contains one `LOADED` per load."""
+    """Return whether point load f acts at an end of a link (a `LOADED.side`); `loads` contains a `LOADED` per load."""
     at = LOADED.end * f
     return loads[at + LOADED.link] == link and loads[at + LOADED.side] == end
 

@@ -58,6 +58,7 @@ class Chain(NamedTuple):
     polynomials, points: tuples of zeros, one for each polynomial of a strain and one for each Gauss point of a link
     scratch: tuple of zeros, three for each Gauss point: size of stack arrays
     curved: (0,) if a link is curved without stress, otherwise None
+    inside: (0,) if a point load acts between two elements of a link, otherwise None
 
     Terms that a None or a tag switches off are left out of the machine code."""
 
@@ -89,6 +90,7 @@ class Chain(NamedTuple):
     points: tuple[int, ...] = ()
     scratch: tuple[int, ...] = ()
     curved: tuple[int, ...] | None = None
+    inside: tuple[int, ...] | None = None
 
 
 class SpatialBeam(Chain):
@@ -336,21 +338,21 @@ def rotor_moment(lane, model, S: Lanes, k, at, weights, o):
 
 
 @kernel
-def point_load_wrench(lane, model, u, k, at_tip, at, weights, S, o):
-    """Return the (force, moment) in the residual of the point loads on the root or tip of link k; add their tangent.
+def point_load_wrench(lane, model, u, k, section, at, weights, S, o):
+    """Return the (force, moment) in the residual of the point loads on a section of link k; add their tangent.
 
     Inputs u hold force F and moment M of each load along inertial axes, behind the joint torques. force = -F (inertial
     axes), moment = -(A^T M + c x A^T F) (section axes) with the load's lever c.
     at: kinematic state (`Vertex`) of the section.
-    at_tip: True for loads on the tip. With weights.with_matrix the moment's derivative by the section's rotation is
-    added to the 6 x 6 matrix at o of S. See docs/theory.md, section 9."""
+    section: `LOAD.section`. With weights.with_matrix the moment's derivative by the section's rotation is added to the
+    6 x 6 matrix at o of S. See docs/theory.md, section 9."""
     zero = 0.0
     force, moment = Vector(zero, zero, zero), Vector(zero, zero, zero)
     if model.loads is not None:
         for f in range(model.loads.shape[0] // L.end):
             first = L.end * f
             if int(model.loads[first + L.link]) == k:
-                if (model.loads[first + L.at_tip] != 0.0) == at_tip:
+                if model.loads[first + L.section] == section:
                     j, A = model.links + 6 * f, matrix(at.place.p)
                     c, push = three_of(lane, model.loads, first + L.lever), load_vector(lane, u, j)
                     # force and moment in section axes

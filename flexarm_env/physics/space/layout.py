@@ -127,7 +127,7 @@ PLACE = Layout(
 LOAD = Layout(
     "SpatialLoad", "",
     Field("link", (), "", "index of the loaded link"),
-    Field("at_tip", (), "", "1: on the link's last section; 0: on its first section"),
+    Field("section", (), "", "0: on the link's first section; 1: on its last section; 2 + e: on its vertex e"),
     Field("lever", (3,), "m", "lever from the section's origin to the loaded point, section axes"),
 )  # fmt: skip
 

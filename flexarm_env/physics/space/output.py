@@ -12,7 +12,7 @@ from .element import Place, element_damping, middle, middle_of
 from .frame import frame_of
 from .framed import frame_damping, frame_damping_over, frame_sums
 from .inner import elements_before
-from .layout import AXES, E, G, J, L, P, count_of, joint_row, section_at, vertex_row
+from .layout import E, G, J, P, count_of, joint_row, section_at, vertex_row
 from .moving import vertices_of
 from .rotations import (
     Vector,
@@ -221,22 +221,16 @@ def root_of(lane, model, q, v, k, tip):
 
 
 @kernel
-def _section_of(lane, model, q, link, at_tip):
-    """Return the `Place`, without rates, of a link's last section if at_tip, otherwise of the link's first section."""
-    tip = place_at(lane, q, q, 0)
+def section_of_end(lane, model, q, v, link, at_tip):
+    """Return the `Place` of a link's last section if at_tip, otherwise of its first section. For v see `place_at`."""
+    tip = place_at(lane, q, v, 0)
     root = tip
     for k in range(link + 1):
-        root = root_of(lane, model, q, q, k, tip)
-        tip = last_section(lane, model, q, q, k, root)
+        root = root_of(lane, model, q, v, k, tip)
+        tip = last_section(lane, model, q, v, k, root)
     if at_tip:
         root = tip
     return root
-
-
-@kernel
-def _loaded(lane, model, q, f):
-    """Return the `Place`, without rates, of the section on which point load f acts."""
-    return _section_of(lane, model, q, int(model.loads[L.end * f + L.link]), model.loads[L.end * f + L.at_tip] != 0.0)
 
 
 @kernel
@@ -255,7 +249,7 @@ def strain_gauge(lane, model, q, row):
     """Return a gauge's reading (1/m): weighted end rotations of two elements, minus the stress-free reading."""
     k, e, axis = int(row[G.link]), int(row[G.element]), int(row[G.axis])
     total = -row[G.rest]
-    left = _section_of(lane, model, q, k, False) if e == 0 else place_at(lane, q, q, vertex_row(model, k, e - 1))
+    left = section_of_end(lane, model, q, q, k, False) if e == 0 else place_at(lane, q, q, vertex_row(model, k, e - 1))
     for j in range(min(2, count_of(model, k) - e)):
         right = place_at(lane, q, q, vertex_row(model, k, e + j))
         a, b = _bent_ends(model, left, right)
@@ -263,28 +257,6 @@ def strain_gauge(lane, model, q, row):
         total = total + a[axis] * row[o] + b[axis] * row[o + 1]
         left = right
     return total
-
-
-@kernel
-def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
-    """Store in y the joint angles (rad), then the position (m) and rotation vector (rad) of each load, inertial axes.
-
-    If since = (start, y0), each rotation vector is that in y0 plus the rotation since the coordinates `start` about
-    inertial axes; moments do work on it. If since is None, the vector is the rotation vector of the section's rotation
-    matrix."""
-    for k in range(model.links):
-        y[k] = q[joint_row(model, k)]
-    if model.loads is not None:
-        for f in range(model.loads.shape[0] // L.end):
-            # y of the loaded point r + A lever (inertial axes), on which a force does work
-            place, j = _loaded(lane, model, q, f), model.links + AXES * f
-            lever = three_of(lane, model.loads, L.end * f + L.lever)
-            store_vector(lane, y, j, place.r + matrix(place.p) @ lever)
-            store_vector(lane, y, j + 3, rotation_vector(shortest_rotation(place.p)))
-            if since is not None:
-                before = _loaded(lane, model, since[0], f)
-                turn = rotation_vector(shortest_rotation(compose(place.p, inverse_rotation(before.p))))
-                store_vector(lane, y, j + 3, load_vector(lane, since[1], j + 3) + turn)
 
 
 @kernel
