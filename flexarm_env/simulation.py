@@ -17,7 +17,7 @@ from .compiler import SINGLE, compiling, uncompiled
 from .physics import assembly, precision
 from .physics.integrator.start import restart
 from .physics.integrator.work import Work, unpack, work_size
-from .physics.layout import DISSIPATED, POSE, WORK_DONE
+from .physics.layout import DISSIPATED, POSE, TIP, WORK_DONE
 from .physics.model import MESSAGE, OK, STATUS, STIFFNESSES, TIMED_OUT, Drive, System
 from .physics.reading import reading_of
 from .rest import NoEquilibrium, rested
@@ -27,7 +27,7 @@ from .runtime.layout import fit_rooms
 from .runtime.sampling import ANEW, AT_KINK, GOES_ON, NEAR, SAMPLE, STRETCH, has_gained_energy, observe_arm, sample_rows
 from .scene import Scene, at_points, computed, resolving_step
 from .settings import Settings, steps_in
-from .trajectory import Trajectory, check_work, kind_of, recorded
+from .trajectory import Trajectory, check_work, recorded
 from .trajectory.space import placed
 from .validation import Array
 
@@ -378,9 +378,8 @@ def simulate(
         options: options of the formulation (`flexarm_env.settings.Settings`), such as segments=8 or dt=0.01. Steps are
             shorter than dt if a motion or load requires shorter steps: for a sine, at most a sixteenth of the period.
     Returns:
-        The Trajectory; for a scene in space a `SpatialTrajectory`. The status of the run is "ok"; "inaccurate" if the
-            estimated error exceeds error_limit or step_tolerance is not met; or the name of the failure that ended the
-            run early. The attribute `message` describes the status.
+        The Trajectory. The status of the run is "ok"; "inaccurate" if the estimated error exceeds error_limit or
+            step_tolerance is not met; or the name of the failure that ended the run early. `message` describes it.
     Raises:
         ValueError: an unknown option, an invalid value, or more than MOST_STEPS steps or MOST_SAMPLES samples.
     """
@@ -420,7 +419,8 @@ def judge(trajectory: Trajectory, interval: float, error_limit: float = 0.05, ti
     # runs of other steps and meshes; then the elastica's neglect of stretch and shear
     if companions:
         companion = partial(_probe, end=float(t[-1]), allowed=time_limit)
-        mine = accuracy.Probe(t, trajectory.compared_tips, True)
+        tips = reading_of(scene).compared_tips(scene.arm, settings, trajectory.q, lambda: trajectory.tip)
+        mine = accuracy.Probe(t, tips, True)
         found, why = accuracy.estimate(scene, settings, mine, float(t[-1]), interval, companion, levels)
         parts |= found | accuracy.followed(scene, settings, mine, interval, companion, levels, trajectory.notes)
     total = accuracy.total(parts)
@@ -443,7 +443,7 @@ def _probe(scene: Scene, settings: Settings, interval: float, levels: Sequence[i
     simulation.compile()
     simulation.deadline = None if allowed is None else time.perf_counter() + allowed
     fields, _ = simulation.record(end, interval)
-    tips = kind_of(scene).read_tips(scene, settings, fields)
+    tips = reading_of(scene).compared_tips(scene.arm, settings, fields["q"], lambda: fields["poses"][:, -1, TIP])
     return accuracy.Probe(fields["time"], tips, simulation.status == OK)
 
 

@@ -10,7 +10,7 @@ import pytest
 from flexarm_env import Contact, JointTorque, Scene, simulate
 from flexarm_env.compiler import UNCOMPILED
 from flexarm_env.shapes import Box, Cylinder, HalfSpace, Sphere
-from flexarm_env.time_functions import constant, ramp, sine
+from flexarm_env.time_functions import constant, linear_table, ramp, sine
 from tests.env_tools import RANDOM, assert_goes_back, assert_pair_same, pair
 from tests.refusals import refusal
 
@@ -74,6 +74,36 @@ def test_the_work_of_a_moving_floor_is_what_the_arm_gains() -> None:
         rest.append(most / work)
     assert rest[0] < 0.02
     assert rest[1] < 0.4 * rest[0]
+
+
+@pytest.mark.parametrize(
+    "formulation", ["elastica", pytest.param("geometrically_exact", marks=pytest.mark.slow)]
+)
+def test_a_velocity_that_jumps_at_a_control_instant(formulation: str) -> None:
+    """A floor on which the tip rests starts with a jump of 0.2 m/s: second order in the step, as the scene's runs.
+
+    Between control instants the damping force's jump leaves an error of first order.
+    """
+    errors = []
+    for start in (0.2, 0.2074):
+        path = linear_table([0.0, start, 1.0], [0.0, 0.0, 0.2 * (1.0 - start)])
+        floor = Contact(HalfSpace((0.0, -0.1), (0.0, 1.0)), 1e4, damping=3.0, displacement_y=path)
+        for dt in (2e-3, 1e-3):
+            env: Any = gym.make("FlexibleArm-v0", contacts=floor, formulation=formulation, dt=dt, tolerance=1e-10)
+            env.reset(seed=0, options={"start": -0.09})
+            tips = [env.step(np.array([-0.4], np.float32))[4]["tip_position"] for _ in range(20)]
+            plan = env.unwrapped.plan
+            torque = JointTorque(0, constant(float(np.float32(-0.4)) * plan.arm.torque_limits[0]))
+            scene = Scene(
+                "jump", plan.arm, duration=0.4, dt=1.25e-4, sample=0.02, contacts=(floor,), loads=(torque,),
+                angles=(-0.09,),
+            )  # fmt: skip
+            mesh = {name: getattr(plan.settings, name) for name in ("nodes", "elements", "rho_inf")}
+            mesh = {name: value for name, value in mesh.items() if value is not None}
+            run = simulate(scene, formulation, estimate_error=False, tolerance=1e-11, **mesh)
+            errors.append(abs(run.tip[11:, :2] - np.array(tips)[10:]).max())
+    assert errors[0] < 1e-5 and errors[1] < 0.3 * errors[0]
+    assert errors[2] > 1.5 * errors[0] and errors[2] < 1e-4
 
 
 def test_a_wall_that_approaches_presses_the_held_joint_away() -> None:

@@ -40,7 +40,6 @@ from flexarm_env.scene import Scene
 from flexarm_env.suite import results
 from flexarm_env.suite.data import tasks
 from flexarm_env.suite.policies import choose
-from flexarm_env.trajectory import SpatialTrajectory
 from flexarm_env.view import Player
 from tests.cli_tools import refused
 from tests.processes import python
@@ -156,13 +155,13 @@ FILES = {
 }  # fmt: skip
 
 
-def trajectory_in_space(n: int = 6) -> SpatialTrajectory:
+def trajectory_in_space(n: int = 6) -> Trajectory:
     """The same of the arm `three_dof`."""
     rng, scene = np.random.default_rng(0), scenes.named("three_dof_slew")
     settings = scene.settings()
     names = assemble(scene, settings).names
     row, joints, q = rng.normal(size=n), rng.normal(size=(n, 3)), rng.normal(size=(n, len(names)))
-    return SpatialTrajectory(
+    return Trajectory(
         scene=scene, settings=settings, t=np.linspace(0.0, 1.0, n), joint_torque=joints, kinetic=row, strain_energy=row,
         gravity=row, dissipated=row, work=row, q=q, v=q, names=names, status="ok", message="it is well", steps=3,
         iterations=4, factorizations=5, halvings=0, cpu_seconds=0.1, **read(scene.arm, settings, q, q),

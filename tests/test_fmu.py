@@ -30,6 +30,9 @@ WALL: dict[str, Any] = {
 }  # fmt: skip
 
 
+MOVING = {**WALL, "displacement_y": {"kind": "sine", "amplitude": 0.1, "omega": 6.0}, "bodies": ["link0@0.5", "tip"]}
+
+
 class Unit:
     """A unit that a file holds, called as an importing tool does."""
 
@@ -111,7 +114,12 @@ class Unit:
 @pytest.mark.slow
 @needs_c
 @pytest.mark.parametrize(
-    ("form", "contacts"), [*((form, None) for form in FORMS), pytest.param("3.0", WALL, id="3.0, touches")]
+    ("form", "contacts"),
+    [
+        *((form, None) for form in FORMS),
+        pytest.param("3.0", WALL, id="3.0, touches"),
+        pytest.param("3.0", MOVING, id="3.0, touched by a moving wall"),
+    ],
 )
 def test_unit(form: str, contacts: dict[str, Any] | None, tmp_path: Path) -> None:
     env = gym.make("FlexibleArm-v0", info_level="full", duration=1000.0, contacts=contacts)

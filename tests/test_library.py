@@ -64,6 +64,9 @@ CASES: list[Any] = [
         id="touched by a moving obstacle",
     ),
     pytest.param("SpatialFlexArm-v0", {"contacts": FLOOR, "elements": 1}, id="touches in space"),
+    pytest.param(
+        "FlexibleArm-v0", {"contacts": {**TOUCHING, "bodies": ["link0@0.5", "tip"]}}, id="touched along a link"
+    ),
 ]
 
 

@@ -80,7 +80,7 @@ CASES = [
 
 @pytest.mark.parametrize(("kind", "name", "changes"), CASES)
 def test_columns_are_those_of_differences(kind: Any, name: str, changes: Any, rng: np.random.Generator) -> None:
-    """Along random directions of coordinates, rates, accelerations and inputs at once, and of poses."""
+    """Along random directions of coordinates, rates, accelerations and inputs at once, of poses, and of points."""
     equations, point = moving(kind(name, **changes), rng)
     n, m, weight = equations.n, 3, np.maximum(equations.model.weight, 1e-300)
     q, v, a = np.zeros((3, n, m))
@@ -112,6 +112,14 @@ def test_columns_are_those_of_differences(kind: Any, name: str, changes: Any, rn
 
         known = derivative(posed, step_along(q[:, j], equations.model.weight))
         assert np.abs(poses[j] - known).max() < 1e-8 * np.abs(known).max(), j
+    points = equations.points_along(point.q, q)
+    for j in range(m):
+
+        def drawn(t: float, j: int = j) -> Array:
+            return equations.points(equations.moved(point.q, t * q[:, j]))
+
+        known = derivative(drawn, step_along(q[:, j], equations.model.weight))
+        assert np.abs(points[j] - known).max() < 1e-8 * np.abs(known).max(), j
 
 
 @pytest.mark.parametrize(

@@ -112,7 +112,7 @@ def test_output(case: Any) -> None:
     for pose, (at, rate) in zip(out.reshape(count, 12), walked, strict=True):
         parts = [x[name] for end in ("root", "tip") for x in (at, rate) for name in (end, f"{end}_angle")]
         assert pose == pytest.approx(np.concatenate([np.atleast_1d(x) for x in parts]), abs=1e-12)
-    used = kernels.centerline(s.model, q, points)
+    used = kernels.centerline(SINGLE, s.model, q, points)
     assert used == 12 * count + 1
     assert points[0] == pytest.approx(walked[0][0]["root"], abs=1e-12)
     assert points[used - 1] == pytest.approx(walked[-1][0]["tip"], abs=1e-12)

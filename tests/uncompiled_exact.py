@@ -235,8 +235,8 @@ def test_first_guess_keeps_the_strains(order: int) -> None:
 def test_shape_and_poses() -> None:
     s = system(2, damped=False, heavy=False)
     points, out = np.full((20, 2), np.nan), np.full(36, np.nan)
-    assert kernels.centerline(s.model, s.system.q0, points) == 13
-    assert kernels.centerline(s.model, s.system.q0, np.zeros((5, 2))) == 5
+    assert kernels.centerline(SINGLE, s.model, s.system.q0, points) == 13
+    assert kernels.centerline(SINGLE, s.model, s.system.q0, np.zeros((5, 2))) == 5
     v = np.arange(s.n) * 0.1
     kernels.link_poses(SINGLE, s.model, s.par, s.system.q0, v, out)
     ends = np.array([0.0, 0.0]), np.array([1.3, 0.0])

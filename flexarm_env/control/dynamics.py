@@ -75,7 +75,7 @@ class Dynamics:
         # node angles relative to the root, K^-1 times the tip weights: the shape bent by a force at the tip
         for k in range(arm.n_links):
             own = self._shapes[k, k * nodes + 1 : (k + 1) * nodes]
-            self._bent[k, 1:] = np.linalg.solve(parts.K[k][1:, 1:], own)
+            self._bent[k, 1:] = np.linalg.solve(parts.K_EI[k][1:, 1:], own)
         ends = [np.linspace(0.0, link.length, POINTS + 1)[1:] for link in arm.links]
         self._arms = np.vstack([parts.arms_to(k, s) for k, s in enumerate(ends)])
 

@@ -1,14 +1,17 @@
 """The keyword `contacts` of environments: obstacles that the arm can touch, and time steps that resolve impacts."""
 
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
 
 from .. import validation as check
 from ..batch import PayloadChange, standing_scene
+from ..parameters import Arm
 from ..physics import assembly
 from ..physics.contact.build import (
     STEPS,
@@ -16,7 +19,7 @@ from ..physics.contact.build import (
     duration,
     effective_masses,
     largest_speed,
-    links_of,
+    points_of,
     start_depths,
 )
 from ..physics.contact.layout import Touching
@@ -24,6 +27,7 @@ from ..physics.model import EI_Y_FACTOR, GJ_FACTOR, PAYLOAD_INERTIA, PAYLOAD_MAS
 from ..physics.reading import reading_of
 from ..scene import Contact, Scene, contacts_of, resolving_step
 from ..scene.contacts import place_on_link
+from ..sections import Link
 from ..settings import Settings
 from ..tasks.starts import Starts
 from ..tasks.task import Task
@@ -54,11 +58,6 @@ def framed(
     contacts = contacts_of("contacts", value, arm, len(arm.axes))
     if not contacts:
         return frame
-    for i, contact in enumerate(contacts):
-        for k, name in enumerate(contact.bodies):
-            if place_on_link(name):
-                what = 'must be "tip" or a joint in an environment; scenes (flexarm_env.Scene) have points along links'
-                raise check.InvalidValue(f"contacts[{i}].bodies[{k}]", name, what)
     if task == "replay":
         refuse_motion(contacts, "task", task)
     if settings.step_tolerance is not None:
@@ -66,8 +65,62 @@ def framed(
         raise check.InvalidValue("step_tolerance", settings.step_tolerance, what)
     if settings.multipliers:
         raise check.InvalidValue("multipliers", True, "must be False with contacts")
+    frame = replace(frame, settings=_with_sections(frame, contacts, given))
     changed = 1.0 if changing is None else float(changing.factor[0])
     return replace(frame, contacts=contacts, settings=_resolved(frame, contacts, duration, given, drawn, changed))
+
+
+MOST_PARTS = 20
+"""Largest denominator of the fraction of a link's length in the name of a contact point along the link."""
+
+
+def _with_sections(frame: Frame, contacts: tuple[Contact, ...], given: Mapping[str, Any]) -> Settings:
+    """Return settings with which an element (a segment of the floating frame) ends at each contact point along a link.
+
+    If the user does not give the number of elements, it is increased to a multiple of the points' denominators. The
+    elastica in the plane has points at any fraction. given: the user's solver options.
+
+    Raises:
+        ValueError: a point is not at the end of an element, or its link is not straight with a constant section.
+    """
+    settings, arm = frame.settings, frame.arm
+    option = {"geometrically_exact": "elements", "floating_frame": "segments"}.get(settings.formulation)
+    if any(map(place_on_link, itertools.chain.from_iterable(contact.bodies for contact in contacts))):
+        for i, contact in enumerate(contacts):
+            with check.under(f"contacts[{i}]"):
+                for k, name in enumerate(contact.bodies):
+                    settings = _with_section(arm, settings, option, given, f"bodies[{k}]", name)
+    return settings
+
+
+def _with_section(
+    arm: Arm, settings: Settings, option: str | None, given: Mapping[str, Any], path: str, name: str
+) -> Settings:
+    """Return settings with which an element of a link ends at the contact point `name`; see `_with_sections`.
+
+    option: solver option with the number of elements of a link; None for the elastica. path: key path of the point.
+    """
+    place = place_on_link(name)
+    if place is None:
+        return settings
+    link = arm.links[place[0]]
+    if not isinstance(link, Link) or link.uniform is None:
+        what = "must be on a link that is straight and flexible with one Section along its length"
+        raise check.InvalidValue(path, name, what)
+    if option is None:
+        return settings
+    fraction = Fraction(place[1]).limit_denominator(MOST_PARTS)
+    if abs(float(fraction) - place[1]) > 1e-9:
+        what = f"must be at a fraction of the link with a denominator of at most {MOST_PARTS}, such as 0.25"
+        raise check.InvalidValue(path, name, what)
+    count = getattr(settings, option) or 1
+    if count % fraction.denominator == 0:
+        return settings
+    if given.get(option) is not None:
+        what = f"must be at the end of one of the link's {option}: {option} must be a multiple of"
+        raise check.InvalidValue(path, name, f"{what} {fraction.denominator}, not {count}")
+    # the coarsest mesh, at least as fine, whose elements end at this point and at all points before
+    return _with_section(arm, settings.replace(**{option: count + 1}), option, given, path, name)
 
 
 def with_rows(modes: Array, contacts: tuple[Contact, ...], behind: int) -> Array:
@@ -204,6 +257,6 @@ def _steps_needed(scene: Scene, system: System, period: float) -> int:
     system: the assembled scene.
     """
     part = next(part for part in system.model.contributions if isinstance(part, Touching))
-    masses = dict(zip(links_of(scene), part.masses.tolist(), strict=True))
-    lasts = min(duration(contact, masses[k]) for contact in scene.contacts for k in contact.links(scene.arm))
+    masses = dict(zip(points_of(scene), part.masses.tolist(), strict=True))
+    lasts = min(duration(contact, masses[one]) for contact in scene.contacts for one in contact.points(scene.arm))
     return math.ceil(min(STEPS * period / lasts, MOST_STEPS + 1.0) - 1e-9)

@@ -11,7 +11,7 @@ from .. import validation as check
 from ..batch import FURTHER, Cost, Extras, KeepOut, PayloadChange, Pushes, Starts, contact_length, gauge_table, packed
 from ..parameters import Arm
 from ..physics.reading import reading_of
-from ..scene import touching_links
+from ..scene import touching_points
 from ..sensors import surface
 from ..shapes import Shape, shape_of
 from ..validation import Array
@@ -173,7 +173,7 @@ def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool,
     fitted = frame.settings.step_tolerance is not None
     events = any(getattr(extras, name) is not None for name in EVENTS)
     if drawn >= 0 or fitted or frame.arm.base or events or frame.contacts:
-        points = len(touching_links(frame.contacts, frame.arm))
+        points = len(touching_points(frame.contacts, frame.arm))
         count = max(FURTHER.drawn + drawn + 1, FURTHER.end) + contact_length(points)
         changes["further"] = (0,) * count
     return changes

@@ -12,6 +12,7 @@ from .. import validation as check
 from ..batch import LAW_SIZE, Instruments, Selection, law_of, room_of
 from ..parameters import Arm
 from ..rigid import rate_scale
+from ..scene import touching_points
 from .features import Frame, gauge_scales
 from .task import Kind
 
@@ -205,5 +206,5 @@ def _instruments(
 
 def _tip_of(frame: Frame) -> int:
     """Return the tip's index among the possible contact points (the last one); -1 if the tip cannot touch."""
-    links = {link for contact in frame.contacts for link in contact.links(frame.arm)}
-    return len(links) - 1 if frame.arm.n_links - 1 in links else -1
+    points = touching_points(frame.contacts, frame.arm)
+    return len(points) - 1 if (frame.arm.n_links - 1, 1.0) in points else -1

@@ -20,7 +20,7 @@ from ..physics import precision
 from ..physics.gauges import Spot
 from ..physics.model import STIFFNESSES
 from ..physics.reading import reading_of
-from ..scene import Contact, touching_links
+from ..scene import Contact, touching_points
 from ..sensors import Law, Sensors
 from ..settings import PRESETS, Settings, expand_preset, merged
 from ..shapes import Shape
@@ -287,7 +287,7 @@ def plan(
         motion=_replayed(kind, own.n_links, motion) if word == "replay" else None,
         entries=info_entries(
             kind, record, full, full and own.jointed and word != "replay", extras, settings.step_tolerance is not None,
-            drawn, len(touching_links(touched, own)),
+            drawn, len(touching_points(touched, own)),
         ),
         action_mode=action_mode, keep_out=events.shapes_of(kind, keep_out), contacts=touched,
     )  # fmt: skip

@@ -122,8 +122,8 @@ class Motion:
         for k, (line, link) in enumerate(zip(parts.lines, arm.links, strict=True)):
             own = slice(k * n, (k + 1) * n)
             M[own, own] += parts.R[k]
-            K[own, own] = parts.K[k]
-            C[own, own] = (arm.tau_d if link.tau_d is None else link.tau_d) * parts.K[k]
+            K[own, own] = parts.K_EI[k]
+            C[own, own] = (arm.tau_d if link.tau_d is None else link.tau_d) * parts.K_EI[k]
             # the joint turns its link's root against the tip of the link before
             B[k * n, k] = 1.0
             bend[k, own], bend[k, k * n] = line.tip_angle, line.tip_angle[0] - 1.0

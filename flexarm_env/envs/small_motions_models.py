@@ -118,7 +118,7 @@ class SmallMotionsInSpace(SmallMotions):
 
 def _scaled(parts: Chain, stiffness: float) -> Chain:
     """Return a chain with its bending stiffness multiplied by a factor."""
-    return parts if stiffness == 1.0 else replace(parts, K=stiffness * parts.K)
+    return parts if stiffness == 1.0 else replace(parts, K_EI=stiffness * parts.K_EI)
 
 
 SMALL_MOTIONS = {"xy": SmallMotions(), "xyz": SmallMotionsInSpace()}

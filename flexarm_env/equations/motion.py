@@ -222,6 +222,19 @@ class Equations:
         """Return the positions of points along the chain, from root to tip: (points, 2 or 3), m."""
         return self.reading.points(self.simulation.scene.arm, self.simulation.settings, self.model, q)
 
+    def points_along(self, q: Array, d: Array) -> Array:
+        """Return the derivatives (m, points, 2 or 3) of `points` along m increments d (n, m) of the coordinates."""
+        scene, settings, ways = self.simulation.scene, self.simulation.settings, np.array(d.T, order="C")
+        if not UNCOMPILED:
+            return self.reading.point_slopes(scene.arm, settings, self.model, q, ways)
+
+        def moved(i: int, t: float) -> Array:
+            return self.points(self.moved(q, t * ways[i]))
+
+        return np.array(
+            [derivative(partial(moved, i), step_along(way, self.model.weight)) for i, way in enumerate(ways)]
+        )
+
     def joint_angles(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return joint angles and rates (n_links,) of a link's root relative to the previous tip or a floating base."""
         angles, rates = self.reading.joints(self.poses(q, v))

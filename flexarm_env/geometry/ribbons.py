@@ -52,7 +52,7 @@ def ribbons(arm: Arm, settings: Settings, q: Array, pieces: int = 6) -> Ribbons:
 
 
 def ribbons_of(run: Any, pieces: int = 6) -> Ribbons:
-    """Return the `Ribbons` of a `SpatialTrajectory`; a motion in a plane is converted from its planar scene."""
+    """Return the `Ribbons` of a run in space; a motion in a plane is converted from its planar scene."""
     flat = in_plane(run.scene)
     if flat is None:
         return ribbons(run.scene.arm, run.settings, run.q, pieces)

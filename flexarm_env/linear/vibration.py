@@ -8,7 +8,6 @@ import numpy as np
 
 from .. import validation as check
 from ..equations import Equations, Point, at_rest_of, point_of
-from ..equations.differences import derivative, step_along
 from ..rest import NoEquilibrium
 from ..rigid import axis_of, mount_of
 from ..scene import Scene
@@ -202,14 +201,11 @@ def _shape(equations: Equations, q: Array, vector: Complex) -> tuple[Array, tupl
     weight, free = equations.model.weight, equations.free
     whole = np.zeros(equations.n, np.complex128)
     whole[free] = vector / max(float(np.abs(vector * weight[free]).max()), 1e-300)
-
-    def slope(d: Array) -> Array:
-        return derivative(lambda t: equations.points(equations.moved(q, t * d)), step_along(d, weight))
-
-    change = slope(whole.real) + 1j * slope(whole.imag)
+    real, imaginary = equations.points_along(q, np.stack([whole.real, whole.imag], axis=1))
+    change = real + 1j * imaginary
     largest = change.ravel()[np.abs(change).argmax()]
-    real = (change * (np.conj(largest) / max(abs(largest), 1e-300))).real
-    shape = np.asarray(real / max(float(np.sqrt((real**2).sum(axis=1)).max()), 1e-300))
+    seen = (change * (np.conj(largest) / max(abs(largest), 1e-300))).real
+    shape = np.asarray(seen / max(float(np.sqrt((seen**2).sum(axis=1)).max()), 1e-300))
     if len(shape.T) == 2:
         return shape, ()
     # angular momentum of the points' ellipses about the axis, over their size

@@ -25,6 +25,7 @@ from .protocol import (
     RESIDUAL_ALONE,
     State,
     assemble,
+    centerline,
     constraint_residual,
     out_of_range,
     retract,
@@ -114,6 +115,31 @@ def pose_slopes(lane, model, par, state, u, psi, directions, rows, room, poses, 
             values[count + g] = w.r[0]
             for i in range(min(many, ways - first)):
                 slopes[first + i, count + g] = w.r[many + i]
+
+
+@kernel
+def point_slopes(lane, model, q, ways, own, line, points, slopes):
+    """Compute points of the center line of one arm and their derivatives along directions; return their number.
+
+    # in        q (n,): coordinates, none of which is part of a rotation; ways (m, n): changes of q
+    # scratch   own (n,), line (P, 2 or 3): lanes
+    # out       points (P, 2 or 3), m, inertial axes; slopes (m, P, 2 or 3)
+
+    lane: lane tag `WITH_SLOPES`.
+    """
+    many, count = lane_count(lane), 0
+    for first in range(0, max(ways.shape[0], 1), many):
+        for k in range(size(model.n)):
+            store(own, k, splat(lane, q[k]))
+            for i in range(min(many, ways.shape[0] - first)):
+                own[k * len(lane) + many + i] = ways[first + i, k]
+        count = centerline(lane, model, own, line)
+        for p in range(count):
+            for d in range(points.shape[1]):
+                points[p, d] = line[p, d * len(lane)]
+                for i in range(min(many, ways.shape[0] - first)):
+                    slopes[first + i, p, d] = line[p, d * len(lane) + many + i]
+    return count
 
 
 @kernel

@@ -189,12 +189,13 @@ class FloatingChain(NamedTuple):
     Rows: x, y of the root; angle of the root section; elastic coordinates of each body from root to tip; angle of each
     elbow relative to the preceding tip section. `protocol` explains the fields from n to newton.
 
-    data: float64, one `physics.floating.layout.BODY` per body
+    data: float64, one `physics.floating.constants.BODY` per body
     gravity: float64 (2,), m/s^2 along inertial x and y, or None
     loads: int64, one `physics.floating.layout.LOADED` per point load, or None
     jointed: (0,) in a `Jointed` arm, otherwise None
     eccentric: float64 (2,), distance (m) from the tip to the payload's center along and across the tip's tangent, or
-    None"""
+    None
+    inside: (0,) if a point load acts between two bodies of a link, otherwise None"""
 
     n: int
     n_factor: int
@@ -215,6 +216,7 @@ class FloatingChain(NamedTuple):
     loads: np.ndarray | None
     jointed: tuple[int, ...] | None
     eccentric: np.ndarray | None
+    inside: tuple[int, ...] | None = None
 
 
 class ExactBeam(NamedTuple):
@@ -268,7 +270,7 @@ class Elastica(NamedTuple):
     the kernel is compiled for that size. One array contains all constants, because each array argument of a kernel
     costs time at compilation and at each call.
 
-    data: float64, constants of the chain (`physics.elastica.layout.DATA`)
+    data: float64, constants of the chain (`physics.elastica.chain.DATA`)
     loads: float64, one `physics.elastica.layout.LOAD` per point load, or None
     eccentric: float64, `physics.elastica.layout.ECCENTRIC` if the payload's center is not at the tip, otherwise None
     rest: float64 (N k,), stress-free angles (rad) of nodes relative to their link's root; None for straight links

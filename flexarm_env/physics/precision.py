@@ -93,7 +93,7 @@ def stiffnesses(
         bend = has["EI"] * bending / link.length
         if settings.formulation == "elastica" and not space:
             assert settings.nodes is not None
-            bend = bending * TURNED * float(abs(chain(arm, settings.nodes).K[k]).sum())
+            bend = bending * TURNED * float(abs(chain(arm, settings.nodes).K_EI[k]).sum())
         elif settings.modes is not None:
             bend *= (settings.modes * (settings.segments or 1)) ** 2
         found.append(Stiffness(f"{at}.EI", has["EI"], "N m^2", bend * slow))

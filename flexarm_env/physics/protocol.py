@@ -75,6 +75,10 @@ Work, energy and momentum
         Write to y[i] the displacement (rad or m) on which input i does work. With since = (start, y0), rotations are
         integrated from their values y0 at the coordinates `start`, because rotations do not add up.
 
+    input_rates(lane, model, par, q, v, y)
+        Write to y[i] the rate (rad/s or m/s) of the displacement on which input i does work, in space also the angular
+        velocities about inertial axes. Only arms with contact points along their links need this function.
+
     energy(lane, model, par, q, v)
         Return the kinetic, strain and gravitational energy, J.
 
@@ -99,9 +103,8 @@ Output
     out_of_range(lane, model, par, q)
         Return 0.0 if the model is valid at q, otherwise a status code.
 
-    centerline(model, q, points)
-        Write positions along the chain (m) to points (n_points, 2 or 3) and return their number. The kernel has one
-        lane.
+    centerline(lane, model, q, points)
+        Write positions along the chain (m) to points (n_points, lanes of 2 or 3 numbers) and return their number.
 
 Reverse derivatives, which `compiler.vjp_of` derives from the functions above unless a formulation has a faster way
     solve_transposed(lane, model, S, x)
@@ -366,6 +369,7 @@ vjp_product = FORMULATIONS.function(
 )
 vjp_poses = FORMULATIONS.function("vjp_poses", "lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar")
 input_displacements = FORMULATIONS.function("input_displacements", "lane, model, par, q, y, since")
+input_rates = FORMULATIONS.function("input_rates", "lane, model, par, q, v, y")
 local_difference = FORMULATIONS.function("local_difference", "lane, model, start, q, d")
 retract = FORMULATIONS.function("retract", "lane, model, q, share, d, more")
 tangent_map = FORMULATIONS.function("tangent_map", "lane, model, d, inverse, x")
@@ -378,7 +382,7 @@ link_poses = FORMULATIONS.function("link_poses", "lane, model, par, q, v, out, t
 strain_gauge = FORMULATIONS.function("strain_gauge", "lane, model, q, row")
 set_joint_configuration = FORMULATIONS.function("set_joint_configuration", "lane, model, live, angles, rates, q, v")
 out_of_range = FORMULATIONS.function("out_of_range", "lane, model, par, q")
-centerline = FORMULATIONS.function("centerline", "model, q, points")
+centerline = FORMULATIONS.function("centerline", "lane, model, q, points")
 
 FORMULATIONS.defaults.update(
     correct_positions=returns_none, retract=_add, local_difference=_subtract,

@@ -8,17 +8,20 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from .. import rotations
+from ..compiler import SINGLE
 from ..layout import Layout
 from ..parameters import Arm
 from ..scene import Scene
 from ..settings import Settings
 from ..validation import Array
 from . import assembly
+from .equations import WITH_SLOPES, point_slopes
 from .gauges import over
 from .layout import POSE, POSES, ROOT, ROOT_RATES, SPACE_POSE, SPACE_POSES, TIP, TIP_RATES
 from .model import OWN, OWN_IN_SPACE, STIFFNESSES, System
 from .protocol import centerline
-from .space.reading import read
+from .space.reading import links, read, tips, velocities
 
 
 def link_deflection(poses: Array) -> Array:
@@ -79,9 +82,9 @@ class Reading:
         poses: layout of a link's pose, as tasks read it. own: names of the parameters in which arms may differ
         (`model.OWN`). stiffnesses: names of the stiffnesses that have factors of their own. planes: planes of a link's
         axes in which the link bends. bent: names of a link's deflections and twist in observations. tip: entries of a
-        pose with the tip's position. passes: number of iterations for the derivatives of a step (`derivatives.runs`) if
-        the step's matrix is approximate in all formulations, otherwise None. output_names: names of the arrays in
-        `outputs`, without link numbers.
+        pose with the tip's position. place: components of `Trajectory.start` and `tip`. passes: number of iterations
+        for the derivatives of a step (`derivatives.runs`) if the step's matrix is approximate in all formulations,
+        otherwise None. output_names: names of the arrays in `outputs`, without link numbers.
     """
 
     poses: Layout = POSES
@@ -90,6 +93,7 @@ class Reading:
     planes: tuple[str, ...] = ("xy",)
     output_names: tuple[str, ...] = ("", "_rate", "deflection", "deflection_rate")
     bent: tuple[str, ...] = ("tip_deflection",)
+    place: tuple[str, ...] = ("x", "y", "angle")
     tip = slice(POSE.tip_x, POSE.tip_x + 2)
     passes: int | None = None
     meanings: ClassVar[dict[str, tuple[str, str]]] = {
@@ -155,7 +159,18 @@ class Reading:
     def points(self, arm: Arm, settings: Settings, model: Any, q: Array) -> Array:
         """Return positions (P, 2), in space (P, 3), of points along the chain from root to tip, m."""
         points = np.full((assembly.room_for_points(settings, arm.n_links), 2), np.nan)
-        return points[: int(centerline(model, q, points))].copy()
+        return points[: int(centerline(SINGLE, model, q, points))].copy()
+
+    def point_slopes(self, arm: Arm, settings: Settings, model: Any, q: Array, ways: Array) -> Array:
+        """Return the derivatives (m, P, 2), in space (m, P, 3), of `points` along directions ways (m, n).
+
+        Changes of rotations are increments in body axes.
+        """
+        room, n, m = assembly.room_for_points(settings, arm.n_links), len(q), len(ways)
+        own, line = np.zeros(n * len(WITH_SLOPES)), np.zeros((room, 2 * len(WITH_SLOPES)))
+        points, slopes = np.zeros((room, 2)), np.zeros((m, room, 2))
+        count = int(point_slopes(WITH_SLOPES, model, q, ways, own, line, points, slopes))
+        return slopes[:, :count].copy()
 
     def start_angles(self, scene: Scene, poses: Array) -> Array:
         """Return the joint angles (N,), rad, at the start of a scene. poses: `Simulation.observe` at the start."""
@@ -171,6 +186,31 @@ class Reading:
         """Return fields of a `Trajectory` from states q, v (n, rows); poses: function that returns the links' poses."""
         return placed(system.coordinates, poses(), q, v)
 
+    def record(
+        self, arm: Arm, settings: Settings, system: System, fields: Mapping[str, Array], shapes: Array
+    ) -> dict[str, Any]:
+        """Return all fields of a `Trajectory` that follow from the arrays of `Simulation.record`."""
+        poses = fields["poses"]
+        lengths = np.array([link.span for link in arm.links])
+        bows = np.array([link.far.imag for link in arm.links])
+        return {
+            "deflection_bound": settings.deflection_bound, "start": poses[:, 0, ROOT],
+            "hinges": poses[:, 1:, POSE.x : POSE.angle], "tip_deflection": (link_deflection(poses) - bows) / lengths,
+            "shapes": shapes, **placed(system.coordinates, poses, fields["q"], fields["v"]),
+            "link_angles": poses[..., [POSE.angle, POSE.tip_angle]],
+        }  # fmt: skip
+
+    def compared_tips(self, arm: Arm, settings: Settings, q: Array, tip: Callable[[], Array]) -> Array:
+        """Return the tip's positions (n, 2), m, from which errors are estimated; in space positions and axes (n, 4, 3).
+
+        q (n, rows): states. tip: function that returns `Trajectory.tip`.
+        """
+        return tip()[:, :2]
+
+    def tip_inputs(self, tip: Array, velocity: Array, rotation: Array) -> dict[str, list[Array]]:
+        """Return the quantities at the tip that each sensor reads, from arrays of a `Trajectory`, by sensor."""
+        return {"accelerometer": [tip, velocity], "camera": [tip[:, :2]]}
+
 
 class SpaceReading(Reading):
     """Quantities of an arm in space."""
@@ -178,7 +218,7 @@ class SpaceReading(Reading):
     poses, own, stiffnesses = SPACE_POSES, OWN_IN_SPACE, tuple(STIFFNESSES)
     output_names = tuple(SHOWN)
     planes, bent = ("xy", "xz"), ("tip_deflection_y", "tip_deflection_z", "twist")
-    tip, passes = slice(SPACE_POSE.tip, SPACE_POSE.tip + 3), 10
+    tip, place, passes = slice(SPACE_POSE.tip, SPACE_POSE.tip + 3), ("x", "y", "z"), 10
     meanings = Reading.meanings | {
         "payload_inertia": ("", "a factor on the payload's tensor"), "EI_factor": ("", "on EI"),
         "EI_y_factor": ("", "on EI_y"), "GJ_factor": ("", "on GJ"),
@@ -230,6 +270,10 @@ class SpaceReading(Reading):
     def points(self, arm: Arm, settings: Settings, model: Any, q: Array) -> Array:
         return np.asarray(read(arm, settings, q[None], np.zeros((1, len(q))))["shapes"][0])
 
+    def point_slopes(self, arm: Arm, settings: Settings, model: Any, q: Array, ways: Array) -> Array:
+        # the velocity at the rates `ways` is the derivative along `ways`
+        return velocities(list(links(arm, settings, np.broadcast_to(q, ways.shape), ways)))
+
     def start_angles(self, scene: Scene, poses: Array) -> Array:
         return np.array(scene.angles)
 
@@ -241,6 +285,24 @@ class SpaceReading(Reading):
         self, arm: Arm, settings: Settings, system: System, q: Array, v: Array, poses: Callable[[], Array]
     ) -> dict[str, Any]:
         return read(arm, settings, q, v)
+
+    def record(
+        self, arm: Arm, settings: Settings, system: System, fields: Mapping[str, Array], shapes: Array
+    ) -> dict[str, Any]:
+        found = read(arm, settings, fields["q"], fields["v"])
+        return {"deflection_bound": math.inf, "unresolved_damping": fields["beyond"], **found}
+
+    def compared_tips(self, arm: Arm, settings: Settings, q: Array, tip: Callable[[], Array]) -> Array:
+        return tips(arm, settings, q)
+
+    def tip_inputs(self, tip: Array, velocity: Array, rotation: Array) -> dict[str, list[Array]]:
+        turn = rotations.of_quaternions(rotation)
+        A = rotations.matrices(turn)
+        spin = rotations.back(A, velocity[:, 3:])
+        return {
+            "accelerometer": [tip, turn, velocity[:, :3], spin], "gyroscope": [spin],
+            "camera": [tip, np.arcsin(np.clip(A[:, 1:, 0], -1.0, 1.0))],
+        }  # fmt: skip
 
 
 READINGS: dict[str, Reading] = {"xy": Reading(), "xyz": SpaceReading()}

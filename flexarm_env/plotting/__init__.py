@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
-from functools import singledispatch
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +21,6 @@ from flexarm_env.geometry.ribbons import cuts_of
 from flexarm_env.view.sources import mesh_of, shapes_of
 
 from .. import validation as check
-from ..trajectory import SpatialTrajectory
 from ..validation import Array
 from .space import plot_in_space
 from .style import COLORS, FAINT, INK, draw_energies, legend_above, mark_kinks, shade, styled_figure
@@ -59,14 +57,14 @@ def plot_trajectory(
     Raises:
         ValueError: matplotlib does not support the file's extension.
     """
-    return _plot(trajectory, path, reference, shapes, _title(trajectory, title))
+    plot = plot_in_space if trajectory.scene.spatial else _plot_in_plane
+    return plot(trajectory, path, reference, shapes, _title(trajectory, title))
 
 
-@singledispatch
-def _plot(
+def _plot_in_plane(
     trajectory: Trajectory, path: str | os.PathLike[str], reference: Columns | None, shapes: int, title: str
 ) -> Path:
-    """Plot a run in the plane, see `plot_trajectory`; `plot_in_space` plots the class `SpatialTrajectory`."""
+    """Plot a run in the plane, see `plot_trajectory`."""
     stages = _stages(trajectory)
     factors = [1.0, *(_larger(trajectory, chosen) for chosen in stages[1:])]
     extents = [_extent(trajectory.shapes[chosen]) for chosen in stages]
@@ -85,9 +83,6 @@ def _plot(
         draw_energies(energy, trajectory)
         deflection.tick_params(labelbottom=False)
     return Path(path)
-
-
-_plot.register(SpatialTrajectory, plot_in_space)
 
 
 def plot_comparison(

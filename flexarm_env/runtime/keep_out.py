@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiler import kernel, maximum, noinline, size, stack, store_lane, uncompiled
+from ..compiler import SINGLE, kernel, maximum, noinline, size, stack, store_lane, uncompiled
 from ..physics.obstacles import OBSTACLE, KeepOut, distance
 from ..physics.protocol import centerline
 from ..tasks.program import FURTHER
@@ -31,7 +31,7 @@ def with_room(given: KeepOut | None, model: Any, q: Array, room: Array, groups: 
     """
     if given is None:
         return None
-    count = int(uncompiled(centerline)(model, q, room))
+    count = int(uncompiled(centerline)(SINGLE, model, q, room))
     gaps = np.linalg.norm(np.diff(room[:count], axis=0), axis=1)
     parts = np.ones(count, np.int64)
     # between joint and beam a rigid end has no centerline points
@@ -50,10 +50,10 @@ def clearance(keep_out, model, g, lanes, i, q):
     coordinates. keep_out.points: scratch memory for the points.
     """
     mine, points = stack(_ONE, keep_out.rows), keep_out.points[g]
-    # q of this arm without lanes, because `centerline` is compiled for one arm
+    # q of this arm alone, because the clearance is computed arm by arm
     for k in range(size(model.n)):
         mine[k] = q[k * lanes + i]
-    count = centerline(model, mine, points)
+    count = centerline(_ONE, model, mine, points)
     least, first = math.inf, 1
     if keep_out.tip is not None:
         first = count - 1

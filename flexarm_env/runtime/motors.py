@@ -6,7 +6,7 @@ import math
 
 from ..compiler import Lanes, kernel, max_over_lanes, select_lt, size, stack
 from ..physics.arithmetic import clip, decay, store_where
-from ..physics.contact.moving import open_obstacles
+from ..physics.contact.moving import jump_obstacles, open_obstacles
 from ..physics.integrator.start import restart
 from ..physics.integrator.step import advance
 from ..physics.integrator.switching import jump_accelerations
@@ -216,6 +216,7 @@ def jump_with_torques(lane, p, model, par, s, record, saved, block, w, kept=None
     if the accelerations before the jump are stored in w.a0.
     """
     if model.newton.resolved is not None:
+        jump_obstacles(lane, model, w, p.h)
         restart(lane, model, None, par, block, 0, 0.0, p.h, True)
     elif model.newton.light_joints is not None:
         jump_accelerations(lane, model, par, block, 0, p.h, is_starting(lane, s, record), kept)

@@ -69,7 +69,7 @@ def observe_arm(lane, model, par, q, v, poses, energies, points):
     energies[0], energies[1], energies[2] = energy(lane, model, par, q, v)
     if points.shape[0] == 0:
         return 0
-    return centerline(model, q, points)
+    return centerline(lane, model, q, points)
 
 
 @kernel
@@ -220,7 +220,7 @@ def sample_rows(
             if table is not None:
                 kinetic, strain, gravity = _write(lane, model, par, w, stretch[_AT.time], links, table[i - 1])
                 if points.shape[1] > 0:
-                    stretch[_AT.points] = centerline(model, w.q, points[i - 1])
+                    stretch[_AT.points] = centerline(lane, model, w.q, points[i - 1])
                 if not moving:
                     stretch[_AT.start_energy] = kinetic + strain + gravity
                 start, gross, gain = stretch[_AT.start_energy], stretch[_AT.gross], stretch[_AT.gain]

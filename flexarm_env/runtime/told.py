@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiler import SINGLE, uncompiled
+from ..compiler import SINGLE, size, uncompiled
+from ..physics import protocol
 from ..physics.contact.layout import READ, Touching
 from ..physics.integrator.work import unpack
 from ..physics.reading import Reading
@@ -37,10 +38,17 @@ def touches_of(reading: Reading, model: Any, row: Array, poses: Array) -> Array:
     if contact is None:
         return NO_TOUCHES
     part = next(part for part in model.contributions if isinstance(part, Touching))
-    S: Array = uncompiled(unpack)(SINGLE, model, row, 0).S
+    work = uncompiled(unpack)(SINGLE, model, row, 0)
+    S: Array = work.S
     rows = [S[contact.at + k * contact.stride :][: READ.end] for k in range(len(contact.points))]
     found = np.zeros((len(rows), NO_TOUCHES.shape[1]))
     found[:, : len(part.space)] = poses[part.links, reading.tip]
+    if part.inside is not None:
+        # points along links: their input displacements, in which the arm's own parameters have no part
+        y, arm = np.zeros(size(model.n_inputs)), model.arm
+        uncompiled(protocol.input_displacements)(SINGLE, arm, np.zeros(0), work.q[: size(arm.n)].copy(), y)
+        places = y[part.input :][: len(part.points) * len(part.entries)].reshape(len(part.points), -1)
+        found[:, : len(part.space)] = places[:, : len(part.space)]
     found[:, 3:6] = [reading[READ.force : READ.force + 3] for reading in rows]
     found[:, 6] = [reading[READ.normal] for reading in rows]
     return found

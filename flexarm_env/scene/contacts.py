@@ -42,9 +42,8 @@ class Contact:
         speed: impact speed, m/s, positive, that limits the time step: an impact of the arm's effective mass at this
             speed must last at least 8 steps.
         bodies: points of the arm that can touch the obstacle. "tip" is the center of a sphere of radius
-            `Payload.radius`; "joint1", "joint2", ... are centers of spheres of radius `Elbow.radius`. In scenes
-            "link0@0.5" is the center of a sphere of radius `radius` in the middle of link 0, where `simulate` divides
-            the link.
+            `Payload.radius`; "joint1", "joint2", ... are centers of spheres of radius `Elbow.radius`. "link0@0.5"
+            is the center of a sphere of radius `radius` in the middle of link 0.
         radius: radius of the spheres at points along links, m, zero or positive.
         displacement_x, displacement_y, displacement_z: displacement of the obstacle as a function of time, m; None: no
             displacement along this axis. A displacement must be continuous.
@@ -146,6 +145,17 @@ class Contact:
             found.append(k - 1)
         return tuple(found)
 
+    def points(self, arm: Arm) -> tuple[tuple[int, float], ...]:
+        """Return link index and fraction of the link's length of each point in `bodies`; the fraction of a tip is 1.
+
+        Raises:
+            ValueError: the arm lacks a joint or link that `bodies` names.
+        """
+        places = map(place_on_link, self.bodies)
+        return tuple(
+            (k, 1.0 if place is None else place[1]) for k, place in zip(self.links(arm), places, strict=True)
+        )
+
     def to_table(self) -> dict[str, Any]:
         """Return a table from which `contact_of` creates an equal contact; default values are omitted."""
         table: dict[str, Any] = {"obstacle": self.obstacle.to_dict(), "stiffness": self.stiffness}
@@ -153,9 +163,9 @@ class Contact:
         return table | {name: function_table(table[name]) for name in DISPLACEMENTS if name in table}
 
 
-def touching_links(contacts: Iterable[Contact], arm: Arm) -> list[int]:
-    """Return the indices, in increasing order, of the links whose tips may touch obstacles."""
-    return sorted({k for contact in contacts for k in contact.links(arm)})
+def touching_points(contacts: Iterable[Contact], arm: Arm) -> list[tuple[int, float]]:
+    """Return the points that may touch obstacles, from root to tip: pairs as `Contact.points` returns."""
+    return sorted({point for contact in contacts for point in contact.points(arm)})
 
 
 def place_on_link(name: str) -> tuple[int, float] | None:

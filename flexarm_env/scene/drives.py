@@ -108,4 +108,14 @@ class PointLoad:
         return not any(f.pieces[:, C0:].any() for f in self.functions)
 
 
+@dataclass(frozen=True)
+class InnerLoad(PointLoad):
+    """Force and torque on the section at a fraction of a link's length; contact points of environments are such loads.
+
+    place: fraction, between 0 and 1, of the length without rigid ends.
+    """
+
+    place: float = 0.5
+
+
 Load = JointTorque | PointLoad

@@ -1,9 +1,8 @@
-"""Recorded simulations of scenes: `Trajectory` for motion in the plane, `SpatialTrajectory` for motion in space."""
+"""Recorded simulations of scenes."""
 
 from ..scenes import COLUMNS
-from .recorded import MOST_SAMPLES, MOST_STEPS, Trajectory, check_work, kind_of, recorded
-from .space import SpatialTrajectory
+from .recorded import MOST_SAMPLES, MOST_STEPS, Trajectory, check_work, recorded
 
 __all__ = [
-    "COLUMNS", "MOST_SAMPLES", "MOST_STEPS", "SpatialTrajectory", "Trajectory", "check_work", "kind_of", "recorded",
+    "COLUMNS", "MOST_SAMPLES", "MOST_STEPS", "Trajectory", "check_work", "recorded",
 ]  # fmt: skip

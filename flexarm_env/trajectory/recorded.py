@@ -1,4 +1,4 @@
-"""Recorded simulations in the plane: poses, energies and torques over time, and output as CSV, NPZ or a player page."""
+"""Recorded simulations: poses, energies and torques over time, and output as CSV, NPZ or a player page."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,12 +16,11 @@ from .. import validation as check
 from ..files import from_json, read_npz, unit_of, write_npz, write_text
 from ..physics.assembly import assemble
 from ..physics.gauges import Spot, curvatures
-from ..physics.layout import FACTORISATIONS, HALVINGS, ITERATIONS, POSE, ROOT, STEPS, TIP
+from ..physics.layout import FACTORISATIONS, HALVINGS, ITERATIONS, STEPS
 from ..physics.model import STATUS
-from ..physics.reading import link_deflection, placed
-from ..scene import Scene, computed
-from ..scenes import COLUMNS
-from ..sensors import Sensors, StrainGauge, from_table
+from ..physics.reading import reading_of
+from ..scene import Scene, computed, in_plane
+from ..sensors import MEASURES, Sensors, StrainGauge, from_table
 from ..settings import Settings
 from ..validation import Array
 
@@ -39,23 +38,36 @@ class Trajectory:
     A kink is an instant at which an input is discontinuous. The values recorded at a kink are the values just before
     the kink.
 
+    Arrays of points, rotations and deflections have shapes and components for the plane or for space (x, y, z).
+
     Attributes:
         scene, settings: the scene and the solver settings of the run. t (n,): recorded instants, s.
-        start, tip (n, 3): x, y (m) and angle (rad) of the root of link 0 and of the tip of the last link.
-        tip_velocity (n, 3): time derivatives of `tip`, m/s and rad/s. hinges (n, N-1, 2): positions of joints 1 to N-1,
-            m.
+        start, tip (n, 3): x, y (m) and angle (rad) of the root of link 0 and of the tip of the last link; in space
+            their positions, m.
+        tip_velocity (n, 3): time derivatives of `tip`, m/s and rad/s; in space (n, 6): velocity, m/s, and angular
+            velocity, rad/s, in inertial axes.
+        tip_rotation (n, 4), in space: quaternion (w, x, y, z), w >= 0, of the tip's axes, whose x axis points along the
+            link. hinges (n, N-1, 2), in space (n, N-1, 3): positions of joints 1 to N-1, m.
         joint_angles, joint_rates (n, N): angles, rad, and rates, rad/s, of the joints: joint 0 relative to the x axis
-            or the floating base, joint k relative to the tip of link k-1.
+            or the floating base, joint k relative to the tip of link k-1; in space about the joints' axes.
         motor_angles, motor_rates (n, N): angles, rad, and rates, rad/s, of the motors, divided by the gear ratio and
             relative to the previous link. With a rigid gear the motor's angle and rate equal the joint's angle and
             rate.
         joint_torque (n, N): applied torque, or torque that enforces a prescribed angle, N m.
         tip_deflection (n, N): displacement of each link's tip, relative to the unstressed link, normal to the tangent
-            at the link's root, divided by the link's length.
+            at the link's root, divided by the link's length; in space (n, N, 2): along the y and z axes at the link's
+            root, 0 for rigid links.
+        twist (n, N), in space: rotation of each link's tip about the x axis of the link's root, relative to the root,
+            rad.
         kinetic, strain_energy, gravity (n,): kinetic, strain and gravitational energy, J.
         dissipated, work (n,): energy dissipated since the start, and work of the drives since the start, J.
-        shapes (n, points, 2): points along the arm's center line from root to tip, m.
-        q, v (n, rows): the solver's coordinates and their time derivatives; names (rows,): names of the coordinates.
+        unresolved_damping (n,), in space: energy dissipated by the damping forces since the start, minus `dissipated`,
+            J. This difference is due to strain rates within steps, which differ from the rates at the ends of steps by
+            a term of second order in the step. The difference is large only in stiff links with damping.
+        shapes (n, points, 2), in space (n, points, 3): points along the arm's center line from root to tip, m.
+        q, v (n, rows): the solver's coordinates and their time derivatives; names (rows,): names of the coordinates. In
+            space v contains the angular velocity of a rotation in the section's own axes, rad/s. If the motion was
+            computed in a plane (`scene.plane.in_plane`), q and v are those of the planar run.
         status: "ok", "inaccurate", or the name of the failure that ended the run. message: a sentence about the status.
         steps, iterations, factorizations, halvings: numbers of time steps, Newton iterations, factored matrices and
             halved steps. cpu_seconds: CPU time of the run's thread, s, without compilation.
@@ -68,7 +80,8 @@ class Trajectory:
         step_error: with step_tolerance, the largest estimated tip error of an interval, divided by the arm's length; 0
             without this setting.
         gross_work: sum of the magnitudes of the drives' positive and negative work, J.
-        link_angles (n, N, 2): angles of the tangents at each link's root and tip, rad.
+        link_angles (n, N, 2), in the plane: angles of the tangents at each link's root and tip, rad. link_rotations (n,
+            N, 2, 4), in space: quaternions (w, x, y, z) of the axes at each link's root and tip.
     """
 
     scene: Scene
@@ -108,14 +121,25 @@ class Trajectory:
     motor_angles: Array = field(default_factory=lambda: np.zeros((0, 0)))
     motor_rates: Array = field(default_factory=lambda: np.zeros((0, 0)))
     link_angles: Array = field(default_factory=lambda: np.zeros((0, 0, 2)))
+    tip_rotation: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    twist: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    link_rotations: Array = field(default_factory=lambda: np.zeros((0, 0, 2, 4)))
+    unresolved_damping: Array = field(default_factory=lambda: np.zeros(0))
 
-    arrays: ClassVar[dict[str, check.Shape]]
-    kinds: ClassVar[dict[str, type[Trajectory]]] = {}
+    def __post_init__(self) -> None:
+        """Set the attribute `unresolved_damping` to zero at all instants if it was not given."""
+        if not np.size(self.unresolved_damping):
+            self.unresolved_damping = np.zeros(np.size(self.t))
 
     def __repr__(self) -> str:
         end = f" to {self.t[-1]:g} s" if len(self.t) else ""
         how = f"{self.settings.formulation}, dt = {self.settings.dt:.4g} s"
         return f"<Trajectory of {self.scene.name}: {self.status}, {len(self.t)} instants{end}; {how}>"
+
+    @property
+    def arrays(self) -> dict[str, check.Shape]:
+        """Names and shapes of the arrays that the run has, in the plane or in space."""
+        return arrays_of(self.scene)
 
     @property
     def base_angle(self) -> Array:
@@ -139,10 +163,14 @@ class Trajectory:
 
     @property
     def balance(self) -> Array:
-        """Energy error (n,), J: change of `energy` since the start + `dissipated` - `work`; 0 for an exact solution."""
+        """Energy error (n,), J: change of `energy` since the start + `dissipated` + `unresolved_damping` - `work`.
+
+        It is 0 for an exact solution.
+        """
         energy = self.energy
         brought = self.work - self.dissipated  # a velocity that jumps at the start brings some before the first sample
-        return np.asarray(energy - energy[0] - (brought - brought[0]))
+        error = np.asarray(energy - energy[0] - (brought - brought[0]))
+        return np.asarray(error + self.unresolved_damping - self.unresolved_damping[0])
 
     @property
     def turned_over(self) -> float:
@@ -167,33 +195,15 @@ class Trajectory:
         return np.asarray(self._curvature([gauge.spot for gauge in gauges]) * np.array(units))
 
     def _curvature(self, places: Sequence[Spot]) -> Array:
-        """Return the curvatures (n, places), 1/m."""
-        return curvatures(self.scene, self.settings, self.names, places, self.q)
+        """Return the curvatures (n, places), 1/m; for a motion in a plane in space, those of its planar scene."""
+        flat = in_plane(self.scene)
+        if flat is None:
+            return curvatures(self.scene, self.settings, self.names, places, self.q)
+        found = curvatures(flat.scene, self.settings, self.names, [spot[:2] for spot in places], self.q)
+        shares = [(*flat.frames[spot[0]][1, 1:], 0.0)[MEASURES.index((*spot, "xy")[2])] for spot in places]
+        return np.asarray(found * np.array(shares))
 
     # --- to be looked at ---------------------------------------------------------------------------
-    @classmethod
-    def read(cls, simulation: Any, fields: Mapping[str, Array], shapes: Array) -> dict[str, Any]:
-        """Return the attributes that differ between plane and space, from the arrays of `Simulation.record`."""
-        poses, links = fields["poses"], simulation.scene.arm.links
-        lengths = np.array([link.span for link in links])
-        bows = np.array([link.far.imag for link in links])
-        return {
-            "deflection_bound": simulation.settings.deflection_bound, "start": poses[:, 0, ROOT],
-            "hinges": poses[:, 1:, POSE.x : POSE.angle], "tip_deflection": (link_deflection(poses) - bows) / lengths,
-            "shapes": shapes, **placed(simulation.system.coordinates, poses, fields["q"], fields["v"]),
-            "link_angles": poses[..., [POSE.angle, POSE.tip_angle]],
-        }  # fmt: skip
-
-    @classmethod
-    def read_tips(cls, scene: Scene, settings: Settings, fields: Mapping[str, Array]) -> Array:
-        """Return the tip's positions (n, 2), m, from which errors are estimated. fields: as in `read`."""
-        return fields["poses"][:, -1, TIP][:, :2]
-
-    @property
-    def compared_tips(self) -> Array:
-        """Tip positions (n, 2), m, from which errors are estimated, as `read_tips` returns them."""
-        return self.tip[:, :2]
-
     def clip(self, label: str | None = None) -> Clip | SpaceClip:
         """Return the run as a clip for the player.
 
@@ -260,7 +270,8 @@ class Trajectory:
         joints = range(arm.n_links if sensors.encoders else 0)
         at_motor = [sensors.encoder(k).side == "motor" for k in joints]
         inputs = [np.where(at_motor, self.motor_angles, self.joint_angles)] if joints else []
-        inputs += self._tip_inputs(sensors)
+        seen = reading_of(self.scene).tip_inputs(self.tip, self.tip_velocity, self.tip_rotation)
+        inputs += [x for name, known in seen.items() if getattr(sensors, name) is not None for x in known]
         inputs += [self._bending(sensors.strain_gauges)] if sensors.strain_gauges else []
         channels = [place for name, place in readings.items() if not name.endswith("_rate")]  # made of the angle
         laws = np.array([law_of(law, 1.0, period, f"sensors.{place}") for place, law in channels])
@@ -274,18 +285,20 @@ class Trajectory:
         )  # fmt: skip
         return dict(zip(readings, out.T.copy(), strict=True))
 
-    def _tip_inputs(self, sensors: Sensors) -> list[Array]:
-        """Return the quantities at the tip that sensors read, in the order of `sensors.of_the_tip`."""
-        inputs = [self.tip, self.tip_velocity] if sensors.accelerometer is not None else []
-        return inputs + ([self.tip[:, :2]] if sensors.camera is not None else [])
-
     def columns(self) -> dict[str, Array]:
         """Return the columns that `to_csv` writes, as arrays (n,) by name."""
-        table = dict(zip(COLUMNS, (self.t, self.energy, *self.start.T, *self.tip.T), strict=True))
-        for k in range(self.hinges.shape[1]):
-            mark = "" if self.hinges.shape[1] == 1 else str(k + 1)
-            table[f"hinge{mark}_x"], table[f"hinge{mark}_y"] = self.hinges[:, k].T
-        for k in range(len(self.scene.arm.links)):
+        table, axes = {"t": self.t, "energy": self.energy}, reading_of(self.scene).place
+        for name, place in (("start", self.start), ("tip", self.tip)):
+            table |= {f"{name}_{axis}": place[:, i] for i, axis in enumerate(axes)}
+        count, measures = self.hinges.shape[1:]
+        for k in range(count):
+            mark = "" if (count, measures) == (1, 2) else str(k + 1)
+            table |= {f"hinge{mark}_{axis}": self.hinges[:, k, i] for i, axis in enumerate(axes[:measures])}
+        table |= {f"tip_q{axis}": column for axis, column in zip("wxyz", self.tip_rotation.T, strict=False)}
+        for k, twist in enumerate(self.twist.T):
+            table |= {f"joint{k}": self.joint_angles[:, k], f"twist{k}": twist}
+            table |= {f"deflection{k}_{axis}": self.tip_deflection[:, k, i] for i, axis in enumerate("yz")}
+        for k in range(self.scene.arm.n_links):
             if self.scene.arm.joint(k).elastic:
                 table[f"motor{k}"], table[f"motor{k}_rate"] = self.motor_angles[:, k], self.motor_rates[:, k]
         return table
@@ -337,26 +350,19 @@ class Trajectory:
             own = {name: read(f"about.{name}", check.needed("about", about, name, "")) for name, read in ABOUT.items()}
             with check.under("scene"):
                 scene = Scene.from_toml(single.pop("scene") + "\n")
-            kind = kind_of(scene)
             known.setdefault("unresolved_damping", np.zeros(0))  # files of early runs lack it
-            for name in kind.arrays:
-                check.needed("", known, name, _NO_TRAJECTORY)
+            arrays = {name: check.needed("", known, name, _NO_TRAJECTORY) for name in arrays_of(scene)}
             options = check.table_of("options", from_json(single.pop("options"), "options"))
             settings = Settings.make(single.pop("formulation"), **options)
             names = tuple(single.pop("names"))
             if settings.dt is None or names != assemble(computed(scene), settings).names:
                 raise check.InvalidValue("names", names, "must be the rows of the scene's state under its options")
-            run = kind(scene, settings, **{name: known[name] for name in kind.arrays}, names=names, **single, **own)
+            run = cls(scene, settings, **arrays, names=names, **single, **own)
             run.check_arrays()
         return run
 
 
 _NO_TRAJECTORY = "this is no trajectory, or one of a version before 0.2"
-
-
-def kind_of(scene: Scene) -> type[Trajectory]:
-    """Return the class of a scene's trajectories: `Trajectory` or `SpatialTrajectory`."""
-    return Trajectory.kinds[scene.axes]
 
 
 Reader = Callable[[str, Any], Any]
@@ -377,16 +383,24 @@ def _levels(path: str, value: object) -> tuple[int, ...]:
 
 _count: Reader = partial(check.integer, minimum=0)
 
-ARRAYS: dict[str, check.Shape] = {
+_PLANE: dict[str, check.Shape] = {
     "t": ("n",), "start": ("n", 3), "tip": ("n", 3), "tip_velocity": ("n", 3), "hinges": ("n", "joints - 1", 2),
     **dict.fromkeys(("joint_angles", "joint_rates", "motor_angles", "motor_rates", "joint_torque"), ("n", "links")),
     "tip_deflection": ("n", "links"), "link_angles": ("n", "links", 2), "shapes": ("n", "points", 2),
     **dict.fromkeys(("kinetic", "strain_energy", "gravity", "dissipated", "work"), ("n",)),
     "q": ("n", "rows"), "v": ("n", "rows"),
 }  # fmt: skip
-"""Arrays of a trajectory; all their numbers are finite."""
-Trajectory.arrays = ARRAYS
-Trajectory.kinds["xy"] = Trajectory
+_SPACE: dict[str, check.Shape] = {name: shape for name, shape in _PLANE.items() if name != "link_angles"} | {
+    "tip_velocity": ("n", 6), "hinges": ("n", "joints - 1", 3), "tip_deflection": ("n", "links", 2),
+    "shapes": ("n", "points", 3), "tip_rotation": ("n", 4), "twist": ("n", "links"),
+    "link_rotations": ("n", "links", 2, 4), "unresolved_damping": ("n",),
+}  # fmt: skip
+
+
+def arrays_of(scene: Scene) -> dict[str, check.Shape]:
+    """Return names and shapes of the arrays of a scene's trajectory; all their numbers are finite."""
+    return _SPACE if scene.spatial else _PLANE
+
 
 SINGLE: dict[str, tuple[str, check.Shape]] = {
     "names": ("text", ("rows",)), "error_estimate": ("number", ()),
@@ -432,5 +446,5 @@ def recorded(simulation: Any, fields: Mapping[str, Array], shapes: Array, cpu_se
         "notes": system.notes, "gross_work": simulation.gross, "step_levels": tuple(simulation.levels),
         "step_error": simulation.step_error,
     }  # fmt: skip
-    kind = kind_of(scene)
-    return kind(**common, **kind.read(simulation, fields, shapes))
+    found = reading_of(scene).record(scene.arm, simulation.settings, system, fields, shapes)
+    return Trajectory(**common, **found)

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from ..scene import touching_points
 from ..shapes import Shape
 from ..validation import Array
 from .clip import Chart, Pull
@@ -15,19 +16,21 @@ def obstacles_of(plan: Any) -> list[Shape]:
     return [*plan.keep_out, *(contact.obstacle for contact in plan.contacts)]
 
 
-def contact_pulls(plan: Any, views: Sequence[Any], tips: Sequence[int], axes: int) -> list[Pull]:
-    """Return the contact force on each point that can touch an obstacle, as a `Pull` on the tip of its link.
+def contact_pulls(plan: Any, views: Sequence[Any], tips: Sequence[int], shape: Array) -> list[Pull]:
+    """Return the contact force on each point that can touch an obstacle, as a `Pull` on the clip's nearest point.
 
-    views: `batch.View` of each instant. tips: for each link, the index of the clip's point at the link's tip. axes:
-    number of coordinates, 2 in the plane or 3 in space.
+    views: `batch.View` of each instant. tips: for each link, the index of the clip's point at the link's tip. shape:
+    positions (points, 2), in space (points, 3), of the clip's points at the first instant, m.
     """
-    links = sorted({k for contact in plan.contacts for k in contact.links(plan.arm)})
-    found = []
-    for p, k in enumerate(links):
+    found, axes = [], shape.shape[1]
+    for p, (k, fraction) in enumerate(touching_points(plan.contacts, plan.arm)):
         force = np.array([view.touches[p, 3 : 3 + axes] for view in views])
         if force.any():
-            place = "tip" if k + 1 == plan.arm.n_links else f"joint {k + 1}"
-            found.append(Pull(f"contact force, {place}", tips[k], force))
+            place, point = "tip" if k + 1 == plan.arm.n_links else f"joint {k + 1}", tips[k]
+            if fraction < 1.0:
+                place = f"link {k} at {fraction:g}"
+                point = int(np.linalg.norm(shape - views[0].touches[p, :axes], axis=1).argmin())
+            found.append(Pull(f"contact force, {place}", point, force))
     return found
 
 

@@ -54,7 +54,7 @@ def of_trajectory(run: Any, label: str | None, curvature: Any) -> Clip:
 
 
 def of_trajectory_in_space(run: Any, label: str | None, curvature: Any) -> SpaceClip:
-    """Return the clip of a `SpatialTrajectory`; it does not show curvatures."""
+    """Return the clip of a run in space; it does not show curvatures."""
     charts = [c for c in _forces(run.scene.arm, run.joint_torque, _energies(run), _moving) if c.series]
     return space.of_run(run, label, _note(run.settings, _ended(run)), charts)
 
@@ -276,7 +276,7 @@ def _episode_in_plane(
         label=label, note=_note(plan.settings, ""), t=t, points=shapes[:, kept], cuts=cuts, angles=angles,
         rigid=rigid_angles(joints, turns_of(arm)), rest=rest_of(arm, shapes[0][kept], cuts), curvature=curvature,
         surface=_surface(arm, curvature), target=target, polar=polar,
-        pulls=[*_torques(arm, cuts, torque), *contact_pulls(plan, views, cuts[1:], 2)],
+        pulls=[*_torques(arm, cuts, torque), *contact_pulls(plan, views, cuts[1:], shapes[0][kept])],
         charts=[c for c in charts if c.series], payload=arm.payload.mass > 0.0,
         walls=[outline_of(x, np.zeros(2), 3.0 * arm.total_length) for x in obstacles_of(plan)], base=base,
     )  # fmt: skip

@@ -103,7 +103,7 @@ def _bending(arm: Arm, deflection: Array, twist: Array) -> list[Chart]:
 
 
 def of_run(run: Any, label: str | None, note: str, charts: Sequence[Chart]) -> SpaceClip:
-    """Return the clip of a `SpatialTrajectory`.
+    """Return the clip of a run in space.
 
     charts: charts of torques and energies, which follow the charts of deflection and twist. label: name of the clip;
     None for the scene's name.
@@ -157,7 +157,7 @@ def of_episode(plan: Any, views: Sequence[Any], label: str, note: str, charts: S
     return _clip(
         arm, found, A, np.array([view.torques for view in views]), poses[..., 0], label=label, note=note,
         t=np.array([view.time for view in views]), target=target, walls=walls,
-        further=contact_pulls(plan, views, [cut - 1 for cut in found.cuts[1:]], 3),
+        further=contact_pulls(plan, views, [cut - 1 for cut in found.cuts[1:]], found.points[0]),
         charts=[miss, *_bending(arm, bend, poses[..., 6]), *charts],
     )  # fmt: skip
 

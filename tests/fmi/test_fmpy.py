@@ -14,6 +14,11 @@ from flexarm_env import control
 from flexarm_env.library import write_controller_fmu
 
 PERIODS = 10_000
+MOVING = {
+    "obstacle": {"shape": "half_space", "point": [0.0, 0.4], "normal": [0.0, -1.0]}, "stiffness": 1e4, "damping": 0.3,
+    "friction": 0.3, "displacement_y": {"kind": "sine", "amplitude": 0.1, "omega": 6.0},
+}  # fmt: skip
+"""Wall that moves by 0.1 m."""
 
 
 @pytest.mark.parametrize("form", ["2.0", "3.0"])
@@ -25,8 +30,9 @@ PERIODS = 10_000
         ("FlexibleArm-v0", {"formulation": "floating_frame", "multipliers": True}, PERIODS),
         ("TwoLinkFlexArm-v0", {"formulation": "floating_frame", "action_mode": "residual_pd"}, 500),
         ("SpatialFlexArm-v0", {}, PERIODS),
+        ("FlexibleArm-v0", {"contacts": MOVING}, 500),
     ],
-    ids=["strip", "gears and friction", "multipliers", "two links", "space"],
+    ids=["strip", "gears and friction", "multipliers", "two links", "space", "moving wall"],
 )
 def test_a_unit(env_id: str, keywords: dict[str, Any], periods: int, form: str, tmp_path: Path) -> None:
     """As `benchmarks.doors` judges it."""

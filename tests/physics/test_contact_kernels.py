@@ -242,3 +242,46 @@ def test_the_test_of_clearance_changes_no_bit(kind: str, monkeypatch: pytest.Mon
         found.append((run.tip, run.work, run.dissipated, run.balance))
         monkeypatch.setattr("flexarm_env.physics.contact.build._levers", lambda *_: None)
     assert all(np.array_equal(*pair) for pair in zip(*found, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("space", "formulation", "options"),
+    [
+        (False, "elastica", {"nodes": 4}),
+        (False, "geometrically_exact", {"elements": 2}),
+        (False, "floating_frame", {"segments": 2}),
+        (True, "geometrically_exact", {"elements": 2}),
+        (True, "floating_frame", {"segments": 2}),
+    ],
+)
+def test_points_along_links(space: bool, formulation: str, options: dict[str, Any], rng: np.random.Generator) -> None:
+    """Rates are the differences of positions, and forces times rates are the power of the forces; rigid ends too."""
+    ends = dataclasses.replace(TWO.links[0], root_offset=0.05, tip_offset=0.02)
+    arm = arms.named("three_dof") if space else dataclasses.replace(TWO, links=(ends, TWO.links[1]))
+    bodies = ("link1@0.5", *(("joint2", "link2@0.5") if space else ("joint1", "link0@0.5")), "tip")
+    contact = Contact(Sphere((0.0,) * (2 + space), 0.1), 1e4, bodies=bodies, radius=0.02)
+    scene = Scene("points", arm, duration=1.0, dt=1e-3, contacts=(contact,), space=space)
+    system = assembly.assemble(scene, scene.settings(formulation, **options))
+    model, par = system.model, system.par
+    inner, part, n = model.arm, model.contributions[-1], size(model.arm.n)
+    q, v, h = system.q0[:n].copy(), rng.normal(size=n), 1e-6
+    v[inner.fixed] = 0.0
+    uncompiled(protocol.retract)(SINGLE, inner, q, 1.0, 0.05 * rng.normal(size=n), None)
+    places = []
+    for step in (h, -h):
+        moved, y = q.copy(), np.zeros(size(model.n_inputs))
+        uncompiled(protocol.retract)(SINGLE, inner, moved, step, v, None)
+        uncompiled(protocol.input_displacements)(SINGLE, inner, par, moved, y)
+        places.append(y)
+    slope, rates = (places[0] - places[1]) / (2.0 * h), np.zeros(size(model.n_inputs))
+    uncompiled(protocol.input_rates)(SINGLE, inner, par, q, v, rates)
+    compared = list(range(arm.n_links))
+    compared += [part.input + p * len(part.entries) + i for p in range(4) for i in range(len(part.space))]
+    assert rates[compared] == pytest.approx(slope[compared], abs=1e-7 * abs(slope).max())
+    # r(0) - r(u) = B u, and B^T v are the rates
+    state, S = State(q, v, np.zeros(n)), np.zeros(size(model.n_factor))
+    u, r, loaded = np.zeros(size(model.n_inputs)), np.zeros(n), np.zeros(n)
+    uncompiled(protocol.residual)(SINGLE, inner, par, state, u, r, S)
+    u[part.input :] = rng.normal(size=len(u) - part.input)
+    uncompiled(protocol.residual)(SINGLE, inner, par, state, u, loaded, S)
+    assert (r - loaded) @ v == pytest.approx(u @ rates, rel=1e-8)

@@ -202,7 +202,7 @@ def test_places(links: int, mesh: dict[str, Any]) -> None:
     case.functions["input_displacements"](SINGLE, case.model, case.par, q, y)
     assert close(y, case.oracle.ports(q), case.tolerance)
     points = np.full((4000, 2), np.nan)
-    points = points[: case.functions["centerline"](case.model, q, points)]
+    points = points[: case.functions["centerline"](SINGLE, case.model, q, points)]
     assert np.isfinite(points).all()
     bodies = len(case.oracle.bodies)
     assert (len(points) - 1) % bodies == 0
@@ -213,4 +213,4 @@ def test_places(links: int, mesh: dict[str, Any]) -> None:
         assert close(points[(b + 1) * stations], case.oracle.tip(b, q, v)[:2], case.tolerance)
         wanted = case.oracle.curve(b, stations, q)[first:]
         assert close(points[b * stations + first : (b + 1) * stations + 1], wanted, case.tolerance)
-    assert case.functions["centerline"](case.model, q, np.zeros((2, 2))) == 2
+    assert case.functions["centerline"](SINGLE, case.model, q, np.zeros((2, 2))) == 2

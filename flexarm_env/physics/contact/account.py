@@ -13,6 +13,7 @@ from .kinematics import (
     less_obstacle,
     meeting,
     motion_of,
+    motions,
     obstacle_count,
     place_of,
     touches,
@@ -50,8 +51,8 @@ def damping_power(lane, part, model, par, q, v, x, total):
         least = select_lt(gap, least, gap, least)
     if touches(least):
         rates, others = stack(lane, part.poses), stack(lane, part.poses)
-        protocol.task_poses(lane, model.arm, par, q, v, rates)
-        protocol.task_poses(lane, model.arm, par, q, x, others)
+        motions(lane, part, model, par, q, v, rates)
+        motions(lane, part, model, par, q, x, others)
         for p in range(len(part.points)):
             velocity, spin = motion_of(lane, part, rates, p)
             other, turn = motion_of(lane, part, others, p)
@@ -77,7 +78,7 @@ def after_step(lane, part, model, par, q, v, S: Lanes, h):
     if h == 0.0 or may_touch(lane, part, model, S):
         y, poses = stack(lane, model.points), stack(lane, part.poses)
         protocol.input_displacements(lane, model.arm, par, q, y)
-        protocol.task_poses(lane, model.arm, par, q, v, poses)
+        motions(lane, part, model, par, q, v, poses)
         for p in range(len(part.points)):
             _store_reading(lane, part, p, q, v, y, poses, h, S)
         if h == 0.0:

@@ -16,26 +16,39 @@ from flexarm_env.physics.contact.account import respond
 from flexarm_env.physics.contact.kinematics import less_obstacle, place_of
 from flexarm_env.physics.contact.law import gap_of
 from flexarm_env.physics.contact.layout import ACCOUNT, HERE, LAW, READ, REFERENCE, Paths, Touching, Watch
-from flexarm_env.physics.elastica.layout import DATA, ECCENTRIC, LOAD
+from flexarm_env.physics.elastica.chain import DATA
+from flexarm_env.physics.elastica.layout import ECCENTRIC, LOAD
 from flexarm_env.physics.layout import POSE, SPACE_POSE
 from flexarm_env.physics.model import Elastica, System
 from flexarm_env.physics.obstacles import packed
 from flexarm_env.physics.protocol import State, Weights
-from flexarm_env.scene import Contact, PointLoad, Scene, touching_links
+from flexarm_env.scene import Contact, InnerLoad, PointLoad, Scene, touching_points
 from flexarm_env.settings import Settings
 from flexarm_env.time_functions import OMEGA, TimeFunction, constant
 
 Array = NDArray[np.float64]
 
 
-def links_of(scene: Scene) -> list[int]:
-    """Return the indices, in increasing order, of the links whose tips may touch obstacles."""
-    return touching_links(scene.contacts, scene.arm)
+def points_of(scene: Scene) -> list[tuple[int, float]]:
+    """Return link index and fraction of the link's length of each point that may touch obstacles, from root to tip."""
+    return touching_points(scene.contacts, scene.arm)
 
 
 def loads_of(scene: Scene) -> list[PointLoad]:
     """Return one point load of zero force for each point that may touch; obstacles act through the loads' inputs."""
-    return [PointLoad(k, "tip", constant(0.0)) for k in links_of(scene)]
+    zero = constant(0.0)
+    return [
+        PointLoad(k, "tip", zero) if place == 1.0 else InnerLoad(k, "tip", zero, place=place)
+        for k, place in points_of(scene)
+    ]
+
+
+def _radius(scene: Scene, point: tuple[int, float]) -> float:
+    """Return the radius (m) of the sphere about a point of the arm that may touch."""
+    arm, (k, place) = scene.arm, point
+    if place < 1.0:
+        return max(contact.radius for contact in scene.contacts if point in contact.points(arm))
+    return arm.payload.radius if k + 1 == arm.n_links else arm.elbow(k + 1).radius
 
 
 def obstacle_rows(scene: Scene) -> dict[str, TimeFunction]:
@@ -55,9 +68,10 @@ def touching(scene: Scene, inner: Any, entry: int, at: int, rows: int) -> tuple[
     at: offset of the contribution's entries in S.
     rows: number of rows of the Model; the last rows are those of moving obstacles.
     """
-    arm, contacts, links = scene.arm, scene.contacts, links_of(scene)
+    arm, contacts, points = scene.arm, scene.contacts, points_of(scene)
     space = 3 if scene.spatial else 2
-    radii = np.array([arm.payload.radius if k + 1 == arm.n_links else arm.elbow(k + 1).radius for k in links])
+    radii = np.array([_radius(scene, point) for point in points])
+    inside = any(place < 1.0 for _, place in points)
     # friction on a sphere's surface has a moment about its center
     turned = bool(radii.any()) and any(contact.friction > 0.0 for contact in contacts)
     axes = space + (1 if space == 2 else 3) * turned
@@ -68,24 +82,25 @@ def touching(scene: Scene, inner: Any, entry: int, at: int, rows: int) -> tuple[
         )
         for contact in contacts
     ]  # fmt: skip
-    meets = [[float(k in contact.links(arm)) for contact in contacts] for k in links]
-    size = int(HERE.offsets(0, axes, rows).end)
+    meets = [[float(point in contact.points(arm)) for contact in contacts] for point in points]
+    stride = int(HERE.offsets(0, axes, rows).end)
     names = list(obstacle_rows(scene))
     row_of = {name: rows - len(names) + k for k, name in enumerate(names)}
     moving = [row_of.get(f"obstacle{i}_{axis}", -1) for i in range(len(contacts)) for axis in "xyz"]
+    motions = size(inner.n_inputs) if inside else (POSE.end if space == 2 else SPACE_POSE.end) * arm.n_links
     part = Touching(
-        input=entry, at=at, points=(0,) * len(links), entries=(0,) * (3 if space == 2 else 6), space=(0,) * space,
-        axes=(0,) * axes, room=(0,) * rows, poses=(0,) * ((POSE.end if space == 2 else SPACE_POSE.end) * arm.n_links),
-        links=np.array(links, np.int64), radii=radii, meets=np.array(meets).ravel(),
+        input=entry, at=at, points=(0,) * len(points), entries=(0,) * (3 if space == 2 else 6), space=(0,) * space,
+        axes=(0,) * axes, room=(0,) * rows, poses=(0,) * motions,
+        links=np.array([k for k, _ in points], np.int64), radii=radii, meets=np.array(meets).ravel(),
         shapes=packed([contact.obstacle for contact in contacts]), laws=np.concatenate(laws),
-        masses=np.zeros(len(links)), moving=np.array(moving, np.int64) if names else None,
-        levers=_levers(inner, len(links), rows, len(names)), extent=_extent(scene),
+        masses=np.zeros(len(points)), moving=np.array(moving, np.int64) if names else None,
+        levers=_levers(inner, len(points), rows, len(names)), extent=_extent(scene), inside=(0,) if inside else None,
     )  # fmt: skip
     # a weighted increment of 1 in every row moves a point by at most the arm's length each
     watch = Watch(
-        (0,) * len(links), at, READ.end, size, rows * arm.total_length, (0,) if scene.root == "free" else None
+        (0,) * len(points), at, READ.end, stride, rows * arm.total_length, (0,) if scene.root == "free" else None
     )
-    numbers = size * len(links) + int(REFERENCE.offsets(0, rows).end)
+    numbers = stride * len(points) + int(REFERENCE.offsets(0, rows).end)
     return part, watch, numbers + (int(ACCOUNT.offsets(0, len(names)).end) if names else 0)
 
 
@@ -248,14 +263,14 @@ def check_steps(scene: Scene, settings: Settings, system: System, start: bool = 
     """
     if not scene.contacts or settings.step_tolerance is not None:
         return
-    dt, masses, links = settings.dt, _touching_part(system).masses, links_of(scene)
+    dt, masses, points = settings.dt, _touching_part(system).masses, points_of(scene)
     assert dt is not None
-    depths = start_depths(system) if start else np.zeros((len(links), len(scene.contacts)))
+    depths = start_depths(system) if start else np.zeros((len(points), len(scene.contacts)))
     for i, given in enumerate(scene.contacts):
         # an obstacle hits a resting arm with its own speed
         contact = dataclasses.replace(given, speed=max(given.speed, largest_speed(given, scene.duration)))
-        for name, k in zip(contact.bodies, contact.links(scene.arm), strict=True):
-            mass, depth = float(masses[links.index(k)]), float(depths[links.index(k), i])
+        for name, point in zip(contact.bodies, contact.points(scene.arm), strict=True):
+            mass, depth = float(masses[points.index(point)]), float(depths[points.index(point), i])
             power = contact.exponent + 1.0
             leaves = math.sqrt(2.0 * contact.stiffness * depth**power / (power * mass))
             if leaves > RELEASE * contact.speed:

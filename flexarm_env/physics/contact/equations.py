@@ -17,7 +17,18 @@ from ..space.rotations import Vector, cross, dot
 from .account import after_step, damping_power, energy
 from .clearance import acts, measure_near
 from .friction import column_of_slip, component, solve_friction, unit_entry
-from .kinematics import any_touches, gap_at, here_of, meeting, motion_of, nearest, obstacle_count, place_of, wrench
+from .kinematics import (
+    any_touches,
+    gap_at,
+    here_of,
+    meeting,
+    motion_of,
+    motions,
+    nearest,
+    obstacle_count,
+    place_of,
+    wrench,
+)
 from .layout import LAWS, Touching
 from .moving import add_reactions
 
@@ -32,7 +43,7 @@ def point_forces(lane, part, model, par, state, S: Lanes, inputs: Lanes):
         S[here_of(part, p).bound] = 0.0
     if any_touches(lane, part, S):
         poses = stack(lane, part.poses)
-        protocol.task_poses(lane, model.arm, par, state.q, state.v, poses)
+        motions(lane, part, model, par, state.q, state.v, poses)
         for p in range(len(part.points)):
             velocity, spin = motion_of(lane, part, poses, p)
             for o in range(obstacle_count(part)):
@@ -98,7 +109,7 @@ def assemble(lane, part, model, par, state, u: Lanes, weights, r, S: Lanes):
         if any_touches(lane, part, S):
             y, poses = stack(lane, model.points), stack(lane, part.poses)
             protocol.input_displacements(lane, model.arm, par, state.q, y)
-            protocol.task_poses(lane, model.arm, par, state.q, state.v, poses)
+            motions(lane, part, model, par, state.q, state.v, poses)
             for p in range(len(part.points)):
                 if max_over_lanes(S[here_of(part, p).active]) > 0.5:
                     _store_stiffness(lane, part, p, weights, state.q, state.v, y, poses, S)

@@ -36,8 +36,27 @@ def place_of(lane, part, y: Lanes, p):
 
 
 @kernel
+def motions(lane, part, model, par, q, v, poses):
+    """Write the motions of the points at coordinates q and rates v, which `motion_of` reads, to poses.
+
+    The motions are those of the links' tips in the arm's task poses or, if a point is along a link, the rates of the
+    input displacements.
+    """
+    if part.inside is None:
+        protocol.task_poses(lane, model.arm, par, q, v, poses)
+    else:
+        protocol.input_rates(lane, model.arm, par, q, v, poses)
+
+
+@kernel
 def motion_of(lane, part, poses: Lanes, p):
-    """Return velocity (m/s) and angular velocity (rad/s) of point p, inertial axes, from the arm's task poses."""
+    """Return velocity (m/s) and angular velocity (rad/s) of point p, inertial axes, from the result of `motions`."""
+    if part.inside is not None:
+        k = part.input + p * len(part.entries)
+        if len(part.space) == 2:
+            still = 0.0 * poses[k]
+            return Vector(poses[k], poses[k + 1], still), Vector(still, still, poses[k + 2])
+        return load_vector(lane, poses, k), load_vector(lane, poses, k + 3)
     if len(part.space) == 2:
         o = POSE.end * part.links[p]
         zero = poses[o + POSE.tip_vx] * 0.0

@@ -96,8 +96,8 @@ class Touching(NamedTuple):
     space: one zero per axis of the obstacles: 2 in the plane, 3 in space
     axes: one zero per component of the force that is used: as `space`; with friction on a sphere also the moment
     room: one zero for each row (coordinate) of the Model
-    poses: one zero per number that `protocol.task_poses` writes for the arm
-    links: int64 (points,), indices of the links whose tips are the points
+    poses: one zero per number that `kinematics.motions` writes for the arm
+    links: int64 (points,), index of each point's link
     radii: float64 (points,), radius of the sphere about each point, m
     meets: float64 (points * obstacles,), 1 if the point may touch the obstacle, otherwise 0
     shapes: float64, one `physics.obstacles.OBSTACLE` per obstacle. laws: one `LAW` per obstacle
@@ -106,6 +106,7 @@ class Touching(NamedTuple):
     levers: float64 (n,), m or m/m, largest displacement of a point if a coordinate changes by 1. None: it is not known,
         and distances are computed in each Newton iteration
     extent: largest coordinate (m) of an obstacle or point from which distances are computed
+    inside: (0,) if a point is along a link and not at its tip, otherwise None
     """
 
     input: int
@@ -125,6 +126,7 @@ class Touching(NamedTuple):
     moving: np.ndarray | None = None
     levers: np.ndarray | None = None
     extent: float = 0.0
+    inside: tuple[int, ...] | None = None
 
 
 class Watch(NamedTuple):

@@ -2,7 +2,8 @@
 
 A scene prescribes the displacements of obstacles as motions (`integrator.drive`). In an environment each arm of a batch
 has its own time. `Paths` then gives the displacements, which are set at the end of each step. Steps do not end where
-the velocity of an obstacle jumps.
+the velocity of an obstacle jumps. If the velocity jumps at the start of a control period, the accelerations of the arm
+jump with it.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from ...compiler import Lanes, kernel, lane_count, size, stack
 from .. import protocol
 from ..integrator.drive import evaluate
 from .clearance import may_touch
-from .kinematics import meeting, motion_of, obstacle_count, place_of, wrench
+from .kinematics import meeting, motion_of, motions, obstacle_count, place_of, wrench
 from .layout import ACCOUNT
 
 _account = kernel(ACCOUNT.offsets)
@@ -28,7 +29,7 @@ def add_reactions(lane, part, model, par, q, v, r: Lanes):
     """Add the forces (N) of moving obstacles on the arm at q, v to the rows of the obstacles' displacements in r."""
     y, poses = stack(lane, model.points), stack(lane, part.poses)
     protocol.input_displacements(lane, model.arm, par, q, y)
-    protocol.task_poses(lane, model.arm, par, q, v, poses)
+    motions(lane, part, model, par, q, v, poses)
     for p in range(len(part.points)):
         velocity, spin = motion_of(lane, part, poses, p)
         for o in range(obstacle_count(part)):
@@ -103,6 +104,17 @@ def move_obstacles(lane, model, w, h):
                 t = w.S[at + i] + h
                 # a velocity that jumps at t: its value before
                 _displace(lane, paths, w, i, t, t - 1e-6 * h)
+
+
+@kernel
+def jump_obstacles(lane, model, w, h):
+    """Set the obstacles' velocities to the values just after the present time, at which they may jump. h: a step, s."""
+    if model.newton.contact is not None:
+        if model.newton.contact.paths is not None:
+            paths = model.newton.contact.paths
+            at = account_of(paths).time * len(lane)
+            for i in range(lane_count(lane)):
+                _displace(lane, paths, w, i, w.S[at + i], w.S[at + i] + 1e-6 * h)
 
 
 @kernel

@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 
 from flexarm_env.compiler import size
 from flexarm_env.parameters import Payload, Section
-from flexarm_env.physics.elastica.chain import Chain, Line, chain
-from flexarm_env.physics.elastica.layout import BENDS, DATA, ECCENTRIC, LOAD
+from flexarm_env.physics.elastica.chain import DATA, Chain, Line, chain
+from flexarm_env.physics.elastica.layout import BENDS, ECCENTRIC, LOAD
 from flexarm_env.physics.elastica.slenderness import Notes
 from flexarm_env.physics.layout import OF_LOAD
 from flexarm_env.physics.linalg import product, solve
 from flexarm_env.physics.materials import BENDING, bending
 from flexarm_env.physics.model import BEAM, Elastica, System, damped
 from flexarm_env.physics.protocol import NewtonPolicy
-from flexarm_env.scene import PointLoad, Scene
+from flexarm_env.scene import InnerLoad, PointLoad, Scene
 from flexarm_env.settings import Settings
 
 Array = NDArray[np.float64]
@@ -40,17 +40,17 @@ is computed from differences of angles."""
 
 def bends(parts: Chain) -> Array:
     """Pack `layout.BENDS`: EI, dkappa/dphi and law constants at all quadrature points, for a nonlinear law of M."""
-    stiffness, slopes, own = [], [], []
+    EI, slopes, own = [], [], []
     for k, line in enumerate(parts.lines):
         s, weights = line.quadrature()
         sections, slope = line.link.along(s), np.zeros((s.size, parts.w.size))
         # kappa = slope . phi, by the nodes of this link alone
         slope[:, k * parts.n : (k + 1) * parts.n] = line.slope(s)
-        stiffness.append(sections.EI * weights)
+        EI.append(sections.EI * weights)
         slopes.append(slope)
         own.append(np.array([getattr(sections, name) for name in BENDING]).reshape(-1, s.size).T)
-    values = {"stiffness": np.concatenate(stiffness), "slope": np.concatenate(slopes), "own": np.concatenate(own)}
-    return BENDS.pack({"points": len(values["stiffness"]), "nodes": parts.w.size}, **values)
+    values = {"EI": np.concatenate(EI), "slope": np.concatenate(slopes), "own": np.concatenate(own)}
+    return BENDS.pack({"points": len(values["EI"]), "nodes": parts.w.size}, **values)
 
 
 def phase_correction(
@@ -84,7 +84,7 @@ def phase_correction(
         if rest is not None:
             P, to = P * np.cos(rest[own][:, None] - rest[own]), to * np.exp(1j * rest[own])
         M = P + parts.R[k] + payload * np.outer(to.conj(), to).real
-        K = parts.K[k]
+        K = parts.K_EI[k]
         # C = (2 kappa h^2 K - h^4/60 K M^-1 K) (M + 2 kappa h^2 K)^-1 M
         heavier = share * product(K, solve(M, K))
         C[k] = product(lengthening * K - heavier, solve(M + lengthening * K, M))
@@ -107,8 +107,9 @@ def physical(model: Elastica) -> Elastica:
 
 
 def _end(chain_: Chain, load: PointLoad) -> dict[str, Array]:
-    """Return the fields `arm` (m) and `angle` of `layout.LOAD` for a point load at a link's root or tip."""
-    s = _ends(chain_.lines[load.link])[load.end == "tip"]
+    """Return the fields `arm` (m) and `angle` of `layout.LOAD` for a point load on a link."""
+    line = chain_.lines[load.link]
+    s = line.length * load.place if isinstance(load, InnerLoad) else _ends(line)[load.end == "tip"]
     return {"arm": chain_.arms_to(load.link, np.array([s]))[0], "angle": chain_.angle_at(load.link, s)}
 
 
@@ -151,7 +152,7 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
         beta = (parts.b + arm.payload.mass * carried) / (parts.mass + arm.payload.mass)
     data = DATA.pack(
         {**sizes, "points": len(stations)},
-        P=parts.P, R=parts.R - correction, K=parts.K, b=parts.b, w=parts.w, tips=tips, beta=beta.real,
+        P=parts.P, R=parts.R - correction, K_EI=parts.K_EI, b=parts.b, w=parts.w, tips=tips, beta=beta.real,
         mass=parts.mass, root=scene.position, gravity=scene.gravity or (0.0, 0.0), C=correction, points=stations,
     )  # fmt: skip
     # tags: the shared kernel contains every term, a small chain's own kernel only the terms of its arm

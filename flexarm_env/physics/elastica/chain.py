@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -25,9 +25,12 @@ from numpy.typing import NDArray
 
 from flexarm_env import curves, meshing
 from flexarm_env import validation as check
+from flexarm_env.compiler import kernel, size
+from flexarm_env.layout import Field, Layout
 from flexarm_env.parameters import Arm, Link
 
 from ..linalg import product, solve
+from .layout import POINT
 
 Array = NDArray[np.float64]
 
@@ -208,6 +211,34 @@ class Line:
         return np.asarray(self.lagrange(np.array([self.length]))[0])
 
 
+DATA = Layout(
+    "Data", "links, nodes, points",
+    Field("P", ("links * nodes", "links * nodes"), "kg m^2",
+          "masses without the payload: kinetic energy 1/2 sum P_ij e_i' . e_j'"),
+    Field("R", ("links", "nodes", "nodes"), "kg m^2",
+          "rotary inertia of sections, hub and elbows, minus the correction C"),
+    Field("K_EI", ("links", "nodes", "nodes"), "N m", "K: bending stiffness int EI l_i' l_j' ds"),
+    Field("b", ("links * nodes",), "kg m", "first moments: sum b_j e_j = mass (center of mass - root)"),
+    Field("w", ("links * nodes",), "m", "sum w_j e_j = tip of the last link - root; per link, its tip - its root"),
+    Field("tips", ("links * nodes",), "", "weights l_j(L) of a link's node angles in the angle at its tip"),
+    Field("beta", ("links * nodes",), "m", "weights of the root: root = (x, y of the last rows) - sum beta_j e_j"),
+    Field("mass", (), "kg", "mass of the chain without its payload"),
+    Field("root", (POINT.length,), "m", "position of a root that cannot move, inertial axes"),
+    Field("gravity", (POINT.length,), "m/s^2", "gravity, inertial axes"),
+    Field("C", ("links", "nodes", "nodes"), "kg m^2",
+          "M - M* of theory (5.3), the correction of the integrator's period error"),
+    Field("points", ("points", "links * nodes"), "m", "weights of each drawn point: point - root = sum weight_j e_j"),
+)  # fmt: skip
+"""`DATA`: numbers of a `Chain` and of its scene, in `Elastica.data`. A link's matrices refer to its own nodes."""
+_data_at = kernel(DATA.offsets)
+
+
+@kernel
+def constants(model: Any) -> Any:
+    """Return the offset in model.data of each field of DATA. The last field, `points`, may have any length."""
+    return _data_at(0, size(model.links), size(model.nodes), 0)
+
+
 @dataclass(frozen=True)
 class Chain:
     """Constant matrices of a chain of N links with n nodes each, from root to tip, without payload. SI units."""
@@ -215,7 +246,7 @@ class Chain:
     lines: tuple[Line, ...]
     P: Array  # (Nn, Nn) kg m^2: masses; the kinetic energy is 1/2 sum P_ij e_i'.e_j'
     R: Array  # (N, n, n) kg m^2: rotary inertia of sections, hub and elbows, lumped at the nodes
-    K: Array  # (N, n, n) N m: bending stiffness
+    K_EI: Array  # (N, n, n) N m: bending stiffness K
     b: Array  # (Nn,) kg m: first moments; the center of mass is r_root + sum b_j e_j / mass
     w: Array  # (Nn,) m: weights of the tip; the tip of the last link is r_root + sum w_j e_j
     mass: float  # kg: total mass of links, rigid ends and elbows

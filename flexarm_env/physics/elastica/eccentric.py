@@ -11,7 +11,8 @@ from __future__ import annotations
 
 from ...compiler import Lanes, kernel, size, stack
 from ..materials import bending
-from .layout import OWN, Nodes, X, Y, bends_at, constants, eccentric_at, node_angles, weighted_sum
+from .chain import constants
+from .layout import OWN, Nodes, X, Y, bends_at, eccentric_at, node_angles, weighted_sum
 
 
 @kernel
@@ -133,7 +134,7 @@ def add_nonlinear_moments(lane, model, factor, q, r: Lanes):
         # sum_g weight_g EI (f(kappa) - kappa) dkappa/dphi_i
         for g in range(size(model.points)):
             kappa, answer = _bending_law(lane, model, g, x)
-            moment = (answer.force - kappa) * (factor * model.bends[at.stiffness + g])
+            moment = (answer.force - kappa) * (factor * model.bends[at.EI + g])
             for i in range(m):
                 r[i] += moment * model.bends[at.slope + g * m + i]
 
@@ -153,7 +154,7 @@ def add_nonlinear_stiffness(lane, model, factor, q, S: Lanes):
         # sum_g weight_g EI (f'(kappa) - 1) dkappa/dphi_i dkappa/dphi_j
         for g in range(size(model.points)):
             _, answer = _bending_law(lane, model, g, x)
-            slope = (answer.slope - 1.0) * (factor * model.bends[at.stiffness + g])
+            slope = (answer.slope - 1.0) * (factor * model.bends[at.EI + g])
             for i in range(m):
                 for j in range(m):
                     more = slope * (model.bends[at.slope + g * m + i] * model.bends[at.slope + g * m + j])
@@ -171,7 +172,7 @@ def nonlinear_strain_energy(lane, model, x):
         at = bends_at(0, size(model.points), _nodes(model))
         for g in range(size(model.points)):
             kappa, answer = _bending_law(lane, model, g, x)
-            total = total + (answer.energy - kappa * kappa) * (0.5 * model.bends[at.stiffness + g])
+            total = total + (answer.energy - kappa * kappa) * (0.5 * model.bends[at.EI + g])
     return total
 
 

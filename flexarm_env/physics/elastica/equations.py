@@ -18,6 +18,7 @@ from ..layout import OF_LOAD
 from ..materials import viscoelastic, viscoelastic_slope
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D, Elastica
 from ..protocol import State, register
+from .chain import constants
 from .eccentric import (
     add_nonlinear_moments,
     add_nonlinear_stiffness,
@@ -27,8 +28,8 @@ from .eccentric import (
     root_position,
     subtract_root_lever,
 )
-from .layout import Nodes, X, Y, constants, load_at, node_angles, weighted_sum
-from .output import centerline, damping_power, energy, input_displacements, link_poses
+from .layout import Nodes, X, Y, load_at, node_angles, weighted_sum
+from .output import centerline, damping_power, energy, input_displacements, input_rates, link_poses
 
 
 @kernel
@@ -149,7 +150,7 @@ def _forces(lane, model, par: Lanes, state, u: Lanes, on: Nodes, r: Lanes):
             for j in range(1, n):
                 total = total + z[k * n + j] * D[at.R + i * n + j]
             for j in range(n):
-                total = total + x[k * n + j] * D[at.K + i * n + j]
+                total = total + x[k * n + j] * D[at.K_EI + i * n + j]
             r[i] = total + (c[i] * fy[i] - s[i] * fx[i])
     add_nonlinear_moments(lane, model, stiffness, q, r)
     if model.loads is not None:
@@ -213,7 +214,7 @@ def _tangent(lane, model, par: Lanes, q, on: Nodes, weights, S: Lanes):
             lower = p * (ci * ey[j] - si * ex[j])
             upper = p * (c[j] * dyi - s[j] * dxi)
             if j >= k * n:
-                bend = steep * D[at.K + i * n + j - k * n] + cm * D[at.R + i * n + j - k * n]
+                bend = steep * D[at.K_EI + i * n + j - k * n] + cm * D[at.R + i * n + j - k * n]
                 lower, upper = lower + bend, upper + bend
             S[i * rows + j] = lower
             S[j * rows + i] = upper
@@ -223,7 +224,7 @@ def _tangent(lane, model, par: Lanes, q, on: Nodes, weights, S: Lanes):
             p = share * D[at.w + i] + D[at.P + i * m + i]
         if model.root is not None:
             p = p - (moment + (moment - mass * D[at.beta + i])) * D[at.beta + i]
-        own = p * (ci * dyi - si * dxi) + (steep * D[at.K + i * n + i - k * n] + cm * D[at.R + i * n + i - k * n])
+        own = p * (ci * dyi - si * dxi) + (steep * D[at.K_EI + i * n + i - k * n] + cm * D[at.R + i * n + i - k * n])
         S[i * rows + i] = own - (ci * fx[i] + si * fy[i]) * ck
     add_nonlinear_stiffness(lane, model, factor * ck, q, S)
     _payload_turns_tangent(lane, model, par[PAYLOAD_INERTIA], cm, S)
@@ -423,6 +424,6 @@ def vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
 
 
 register(
-    Elastica, assemble, residual, add_stiffness, factor, solve, input_displacements, damping_power,
+    Elastica, assemble, residual, add_stiffness, factor, solve, input_displacements, input_rates, damping_power,
     energy, link_poses, centerline, solve_transposed, vjp_residual,
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Layouts of an elastica: constants of the chain, point loads, eccentric payload, nonlinear bending, coordinates.
+"""Layouts of an elastica: point loads, eccentric payload, nonlinear bending, coordinates; for `DATA` see `chain`.
 
 e_j = (cos phi_j, sin phi_j): unit tangent at node j, inertial axes; n_j = (-sin phi_j, cos phi_j). Nodes are numbered
 over all links from root to tip.
@@ -14,25 +14,6 @@ POINT = Layout("Point", "", Field("x", (), "m", "inertial axes"), Field("y", (),
 """Last two rows, after the angles: position of the root, or of the center of mass in free flight."""
 X, Y, _ = POINT.places
 
-DATA = Layout(
-    "Data", "links, nodes, points",
-    Field("P", ("links * nodes", "links * nodes"), "kg m^2",
-          "masses without the payload: kinetic energy 1/2 sum P_ij e_i' . e_j'"),
-    Field("R", ("links", "nodes", "nodes"), "kg m^2",
-          "rotary inertia of sections, hub and elbows, minus the correction C"),
-    Field("K", ("links", "nodes", "nodes"), "N m", "bending stiffness int EI l_i' l_j' ds"),
-    Field("b", ("links * nodes",), "kg m", "first moments: sum b_j e_j = mass (center of mass - root)"),
-    Field("w", ("links * nodes",), "m", "sum w_j e_j = tip of the last link - root; per link, its tip - its root"),
-    Field("tips", ("links * nodes",), "", "weights l_j(L) of a link's node angles in the angle at its tip"),
-    Field("beta", ("links * nodes",), "m", "weights of the root: root = (x, y of the last rows) - sum beta_j e_j"),
-    Field("mass", (), "kg", "mass of the chain without its payload"),
-    Field("root", (POINT.length,), "m", "position of a root that cannot move, inertial axes"),
-    Field("gravity", (POINT.length,), "m/s^2", "gravity, inertial axes"),
-    Field("C", ("links", "nodes", "nodes"), "kg m^2",
-          "M - M* of theory (5.3), the correction of the integrator's period error"),
-    Field("points", ("points", "links * nodes"), "m", "weights of each drawn point: point - root = sum weight_j e_j"),
-)  # fmt: skip
-"""`DATA`: constants of the chain, in `Elastica.data`. The matrices of a link refer to the nodes of that link."""
 LOAD = Layout(
     "Load", "links, nodes",
     Field("arm", ("links * nodes",), "m", "weights of the load's position: position - root = sum arm_j e_j"),
@@ -43,19 +24,18 @@ ECCENTRIC = Layout(
     Field("along", ("nodes",), "m", "payload's center of mass - root = sum along_j e_j + across_j n_j"),
     Field("across", ("nodes",), "m", "weights of n_j in the vector from root to payload"),
     Field("beta", ("nodes",), "m",
-          "root = last rows - sum (beta_j of DATA) e_j + beta_j n_j; imaginary part of complex beta"),
+          "root = last rows - sum (beta_j of `chain.DATA`) e_j + beta_j n_j; imaginary part of complex beta"),
 )  # fmt: skip
 """`ECCENTRIC`: constants of a payload whose center of mass is not at the tip; nodes are those of all links."""
 OWN = len(BENDING)
 BENDS = Layout(
     "Bends", "points, nodes",
-    Field("stiffness", ("points",), "N m^3", "EI times the point's quadrature weight"),
+    Field("EI", ("points",), "N m^3", "EI times the point's quadrature weight"),
     Field("slope", ("points", "nodes"), "1/m",
           "weights of the node angles in the curvature: kappa = sum slope_j phi_j"),
     Field("own", ("points", OWN), "", "further constants of the law of M (`materials.BENDING`)"),
 )  # fmt: skip
 """`BENDS`: constants of a nonlinear law M(kappa) at all quadrature points; nodes are those of all links."""
-_data_at = kernel(DATA.offsets)
 eccentric_at = kernel(ECCENTRIC.offsets)
 bends_at = kernel(BENDS.offsets)
 _load_at = kernel(LOAD.offsets)
@@ -71,12 +51,6 @@ class Nodes(NamedTuple):
     ey: Lanes  # 1/s^2: y of e''; in `_tangent` its weighted derivative by phi
     fx: Lanes  # N m: x of the sum A
     fy: Lanes  # N m: y of the sum A
-
-
-@kernel
-def constants(model):
-    """Return the offset in model.data of each field of DATA. The last field, `points`, may have any length."""
-    return _data_at(0, size(model.links), size(model.nodes), 0)
 
 
 @kernel

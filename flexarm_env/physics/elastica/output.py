@@ -5,11 +5,12 @@ phi_j, sin phi_j) its unit tangent.
 """
 
 from ...compiler import Lanes, kernel, sincos, size, stack
-from ..arithmetic import scaled_by_share, store_vector
+from ..arithmetic import scaled_by_share, store_pair, store_vector
 from ..layout import OF_LOAD, POSE
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D
+from .chain import constants
 from .eccentric import nonlinear_strain_energy, payload_position, root_position, subtract_rest_angles
-from .layout import X, Y, constants, load_at, node_angles, weighted_sum
+from .layout import X, Y, load_at, node_angles, weighted_sum
 
 
 @kernel
@@ -77,6 +78,29 @@ def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
 
 
 @kernel
+def input_rates(lane, model, par, q, v: Lanes, y: Lanes):
+    """Write the rates of `input_displacements` to y: joint rates (rad/s), then velocity (m/s), rate of each load point.
+
+    q: coordinates of the arm. v: their rates. The velocity of a load is that of the root plus sum_j arm_j e_j'.
+    """
+    n, links = size(model.nodes), size(model.links)
+    m = n * links
+    for k in range(links):
+        y[k] = v[k * n]
+    x, rate = stack(lane, model.scratch), stack(lane, model.scratch)
+    c, s = stack(lane, model.scratch), stack(lane, model.scratch)
+    ex, ey = stack(lane, model.scratch), stack(lane, model.scratch)
+    _moving_tangents(lane, model, q, v, x, rate, c, s, ex, ey)
+    root_x, root_y = rate[0] * 0.0, rate[0] * 0.0
+    if model.root is not None:
+        root_x, root_y = root_position(lane, model, v, ex, ey)
+    for f in range((size(model.n_inputs) - links) // OF_LOAD.end):
+        at, k = load_at(model, f), links + OF_LOAD.end * f
+        px, py = weighted_sum(lane, model.loads, at.arm, ex, m), weighted_sum(lane, model.loads, at.arm, ey, m)
+        store_vector(lane, y, k, (root_x + px, root_y + py, weighted_sum(lane, model.loads, at.angle, rate, m)))
+
+
+@kernel
 def _bending(lane, model, shares, x: Lanes, y: Lanes):
     """Return sum_k share_k x^T K_k y over links k; x, y: node angles or rates. Unit: N m times the units of x and y.
 
@@ -94,7 +118,7 @@ def _bending(lane, model, shares, x: Lanes, y: Lanes):
         for i in range(1, n):
             row = 0.0
             for j in range(1, n):
-                row = row + (y[k * n + j] - from_y) * D[at.K + (k * n + i) * n + j]
+                row = row + (y[k * n + j] - from_y) * D[at.K_EI + (k * n + i) * n + j]
             total = total + scaled_by_share(shares, k, row * (x[k * n + i] - from_x))
     return total
 
@@ -203,16 +227,14 @@ def link_poses(lane, model, par, q, v, out, tasks=None):
 
 
 @kernel
-def centerline(model, q, points):
-    """Write positions along the chain, root + sum_j weight_pj e_j, to points[:, :2] (m); return their number.
+def centerline(lane, model, q, points):
+    """Write positions along the chain, root + sum_j weight_pj e_j, to points (m); return their number.
 
-    The kernel has one lane.
     q: coordinates of the arm.
     e_j: unit tangent of node j, inertial axes. DATA.points contains the weights of the drawn points p. Writing stops
-    when `points` (n, 2) is full.
+    when `points` (n, lanes of 2 numbers) is full.
     """
     D = model.data
-    lane = (0,)
     m = size(model.links) * size(model.nodes)
     first = constants(model).points
     count = min((D.shape[0] - first) // m, points.shape[0])
@@ -220,6 +242,6 @@ def centerline(model, q, points):
     _tangents(lane, model, q, x, c, s)
     root_x, root_y = _root(lane, model, q, c, s)
     for p in range(count):
-        points[p, 0] = root_x + weighted_sum(lane, D, first + p * m, c, m)
-        points[p, 1] = root_y + weighted_sum(lane, D, first + p * m, s, m)
+        x_p, y_p = weighted_sum(lane, D, first + p * m, c, m), weighted_sum(lane, D, first + p * m, s, m)
+        store_pair(lane, points[p], 0, (root_x + x_p, root_y + y_p))
     return count

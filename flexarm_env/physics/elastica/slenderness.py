@@ -178,7 +178,7 @@ class _Modes:
         K = np.zeros((m, m))
         for k, own in enumerate(self.own):
             self.M[own, own] += chain.R[k]
-            K[own, own] = chain.K[k]
+            K[own, own] = chain.K_EI[k]
         tip = chain.lines[-1].tip_angle
         self.M[m - n :, m - n :] += (payload.inertia + payload.mass * payload.offset[1] ** 2) * np.outer(tip, tip)
         # M - b b^T / m: a free root moves with the center of mass; rigid joints have no coordinate
@@ -199,7 +199,7 @@ class _Modes:
         largest, shares = self.scene.arm.damping
         if shares is None:
             return largest
-        energies = [u @ K @ u for u, K in zip(np.split(shape, len(shares)), self.chain.K, strict=True)]
+        energies = [u @ K @ u for u, K in zip(np.split(shape, len(shares)), self.chain.K_EI, strict=True)]
         return float(largest * np.dot(shares, energies) / square)
 
     def _steps(self, shape: Array) -> tuple[Array, list[Array]]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ... import curves
 from ... import validation as check
 from ...parameters import Arm, Link, Section
-from ...scene import PointLoad, Scene
+from ...scene import InnerLoad, PointLoad, Scene
 from ...sections import Properties
 from ...settings import Settings
 from ..layout import OF_LOAD
@@ -43,7 +43,7 @@ def sections(arm: Arm, elements: int, order: int) -> Array:
         # h = l / 2: weights of Gauss points on [-1, 1] become lengths, and d/dx = (d/dxi) / h
         h, s = 0.5 * link.length / elements, link.mean
         J = max(s.J, LEAST_ROTARY * s.m * (2.0 * h) ** 2)
-        stiffness = {"k1": 0.25 * s.EA / h, "k2": 0.25 * s.C / h, "kb": 0.25 * s.EI / h}
+        stiffness = {"EA_2l": 0.25 * s.EA / h, "C_2l": 0.25 * s.C / h, "EI_2l": 0.25 * s.EI / h}
         rows.append(SECTION.pack({}, **stiffness, length=2.0 * h, ml=s.m * h, jl=J * h, own=_own(s)))
     return np.concatenate(rows)
 
@@ -65,9 +65,9 @@ def _varying(part: Link, order: int) -> Array:
     fine, (value, slope) = part.along(s), functions(order, 2.0 * s / l - 1.0)
     J = np.maximum(fine.J, LEAST_ROTARY * fine.m * l**2)
     return VARYING.pack(
-        {"order": order}, length=l, stretch=0.5 * points.EA / l, shear=0.5 * points.C / l,
-        bend=product(slope * (fine.EI * weights), slope.T) / l**2, mass=product(value * (fine.m * weights), value.T),
-        rotary=product(value * (J * weights), value.T), bending=0.5 * points.EI / l, own=_own(points),
+        {"order": order}, length=l, EA_2l=0.5 * points.EA / l, C_2l=0.5 * points.C / l,
+        K_EI=product(slope * (fine.EI * weights), slope.T) / l**2, mass=product(value * (fine.m * weights), value.T),
+        rotary=product(value * (J * weights), value.T), EI_2l=0.5 * points.EI / l, own=_own(points),
     )  # fmt: skip
 
 
@@ -120,7 +120,8 @@ def rigid_ends(scene: Scene) -> Array:
     for load in scene.loads:
         if isinstance(load, PointLoad):
             before = load.link - (load.end == "root")
-            loads.append(links[before].tip_offset if before >= 0 else 0.0)
+            beyond = before >= 0 and not isinstance(load, InnerLoad)
+            loads.append(links[before].tip_offset if beyond else 0.0)
     return LEVERS.pack({"links": len(links), "loads": len(loads)}, levers=levers(scene.arm), loads=loads)
 
 
@@ -206,6 +207,10 @@ def rows(arm: Arm, elements: int, order: int) -> tuple[tuple[str, ...], dict[str
 def load_rows(load: PointLoad, arm: Arm, elements: int, order: int) -> list[int]:
     """Return a point load's `ROWS_OF_LOAD`: rows of x, y, psi of its vertex and of the hinge angle (or -1)."""
     at, at_tip = CHAIN.offsets(0, arm.n_links, elements, order), load.end == "tip"
+    if isinstance(load, InnerLoad):
+        # the vertex at the load: elements of uniform links have equal lengths
+        row = at.elements + AXES * order * (elements * load.link + round(load.place * elements))
+        return [row + X, row + Y, row + T, -1]
     first = at.elements + AXES * order * elements * (load.link + at_tip)
     hinge = -1 if at_tip or load.link == 0 else at.hinges + load.link - 1
     return [first + X, first + Y, first + T, hinge]

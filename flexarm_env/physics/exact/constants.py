@@ -23,20 +23,20 @@ def _own(section: Any, p: int) -> list[list[Any]]:
 
 
 def materials(section: Any, p: int) -> list[tuple[Any, Any, list[Any]]]:
-    """Return for each Gauss point k1 = EA/2l, k2 = C/2l (N/m), and other constants of the laws of N and Q (list)."""
+    """Return for each Gauss point EA_2l and C_2l (N/m), and further constants of the laws of N and Q (list)."""
     own = [row[: len(NORMAL_AND_SHEAR)] for row in _own(section, p)]
-    if hasattr(section, "k1"):
-        return [(section.k1, section.k2, row) for row in own]
+    if hasattr(section, "EA_2l"):
+        return [(section.EA_2l, section.C_2l, row) for row in own]
     at, numbers = VARYING.offsets(0, p), section.numbers
-    return [(numbers[at.stretch + g], numbers[at.shear + g], row) for g, row in enumerate(own)]
+    return [(numbers[at.EA_2l + g], numbers[at.C_2l + g], row) for g, row in enumerate(own)]
 
 
 def bending_at(section: Any, p: int) -> list[tuple[Any, list[Any]]]:
-    """Return for each Gauss point kb = EI/2l (N m), and the other constants of the bending law M(kappa) (list)."""
+    """Return for each Gauss point EI_2l (N m), and the other constants of the bending law M(kappa) (list)."""
     own = [row[len(NORMAL_AND_SHEAR) :] for row in _own(section, p)]
-    if hasattr(section, "kb"):
-        return [(section.kb, row) for row in own]
-    first = VARYING.offsets(0, p).bending
+    if hasattr(section, "EI_2l"):
+        return [(section.EI_2l, row) for row in own]
+    first = VARYING.offsets(0, p).EI_2l
     return [(section.numbers[first + g] * section.factor, row) for g, row in enumerate(own)]
 
 
@@ -60,11 +60,11 @@ def dot(row: list[Any], values: list[Any]) -> Any:
 
 def moments_of(section: Any, t: Tables, bent: list[Any]) -> list[Any]:
     """Return bending moments K b (N m) conjugate to b = (psi_right - psi_left, interior psi ...), argument `bent`."""
-    # one section: K is diagonal, kb norm_i
-    if hasattr(section, "kb"):
-        return [x * (section.kb * float(norm)) for x, norm in zip(bent, t.norm, strict=True)]
+    # one section: K is diagonal, EI_2l norm_i
+    if hasattr(section, "EI_2l"):
+        return [x * (section.EI_2l * float(norm)) for x, norm in zip(bent, t.norm, strict=True)]
     p = len(bent)
-    first = VARYING.offsets(0, p).bend
+    first = VARYING.offsets(0, p).K_EI
     return [dot(_row(section, first, n, p), bent) * section.factor for n in range(p)]
 
 
@@ -88,18 +88,18 @@ def bending_entries(section: Any, t: Tables, share: Any) -> Any:
     share: factor on the stiffness, composed of the weights of stiffness K and damping C.
     """
     p = len(t.weights)
-    if hasattr(section, "kb"):
-        kb = section.kb * share
+    if hasattr(section, "EI_2l"):
+        EI_2l = section.EI_2l * share
 
         def entry(n1: int, n2: int) -> Any:
             one, two = (-t.slope[0] if n == 0 else t.slope[max(n - 1, 0)] for n in (n1, n2))
             bend = float((t.weights * one * two).sum())
-            return None if abs(bend) < 1e-13 else kb * bend
+            return None if abs(bend) < 1e-13 else EI_2l * bend
 
         return entry
     # varying sections: K of (right - left, interior ...) is full; psi_l and psi_r share its first row with opposite
     # signs
-    first, factor = VARYING.offsets(0, p).bend, section.factor * share
+    first, factor = VARYING.offsets(0, p).K_EI, section.factor * share
 
     def own(n1: int, n2: int) -> Any:
         value = factor * section.numbers[first + p * max(n1 - 1, 0) + max(n2 - 1, 0)]

@@ -7,12 +7,12 @@ coordinates the bending stiffness is diagonal and the sums below are short. With
 1]), inertial axes, (c, s) = (cos psi, sin psi) and g = (c d_x + s d_y, -s d_x + c d_y), section axes, all in m, the
 strains are Gamma_1 = g_1/l - 1, Gamma_2 = g_2/l, kappa = psi', and with p Gauss points of weights w the energy is
 
-    sum_g w/2 [k1 (g_1 - l)^2 + k2 g_2^2 + kb (l kappa)^2],   k1 = EA/2l, k2 = C/2l, kb = EI/2l,
+    sum_g w/2 [EA_2l (g_1 - l)^2 + C_2l g_2^2 + EI_2l (l kappa)^2],   EA_2l = EA/2l, C_2l = C/2l, EI_2l = EI/2l.
 
 The laws of `materials` replace the squares. Inertia: ml = m l/2, jl = J l/2. If sections vary within the element
-(`layout.Varying`), k1 and k2 differ between points, and bending and inertia have full matrices (`constants`). Arrays of
-coordinates begin at the left vertex (`layout.ELEMENT`); lists of nodes have the order left, right, interior. The
-argument `order` is a tuple of p zeros. All functions run when a kernel is compiled; `compiler.trace` records their
+(`layout.Varying`), EA_2l and C_2l differ between points, and bending and inertia have full matrices (`constants`).
+Arrays of coordinates begin at the left vertex (`layout.ELEMENT`); lists of nodes have the order left, right, interior.
+The argument `order` is a tuple of p zeros. All functions run when a kernel is compiled; `compiler.trace` records their
 operations on values."""
 
 from typing import Any, NamedTuple
@@ -123,12 +123,12 @@ def _nonlinear_bending(sums: Sums, t: Tables, bent: list[Any]) -> list[Any]:
 
 
 def _nonlinear_part(section: Any, t: Tables, bends: list[Any], part: Any) -> list[Any]:
-    """Return part(l kappa, `Answer`) kb w (N m) at each Gauss point for nonlinear laws M; [] for M = EI kappa."""
+    """Return part(l kappa, `Answer`) EI_2l w (N m) at each Gauss point for nonlinear laws M; [] for M = EI kappa."""
     if bending is None:
         return []
     found = []
-    for w, e, (kb, own) in zip(t.weights, bends, bending_at(section, len(bends)), strict=True):
-        found.append(part(e, bending(e, length_of(section), own)) * (kb * float(w)))
+    for w, e, (EI_2l, own) in zip(t.weights, bends, bending_at(section, len(bends)), strict=True):
+        found.append(part(e, bending(e, length_of(section), own)) * (EI_2l * float(w)))
     return found
 
 
@@ -169,7 +169,7 @@ def forces(lane, order, gravity, state, left, section, r: Lanes, circle):
     bent = unbent(section, [place[T][1] - place[T][0], *place[T][2:]])
     points, fx, fy, moment = list[Any](), list[Any](), list[Any](), list[Any]()
     length, kappa = length_of(section), _nonlinear_bending(sums, t, bent)
-    for g, (k1, k2, own) in enumerate(materials(section, p)):
+    for g, (EA_2l, C_2l, own) in enumerate(materials(section, p)):
         s, c = load_pair(lane, circle, PAIR * g)
         g1, g2 = rotate_back_2d(c, s, dx[g], dy[g])
         e1, e2 = normal(g1 - length, length, own).force, shear(g2, length, own).force
@@ -178,7 +178,7 @@ def forces(lane, order, gravity, state, left, section, r: Lanes, circle):
             e1, e2 = viscoelastic(e1, r1, tau), viscoelastic(e2, r2, tau)
         # N, Q turned from section to inertial axes; moment on psi by dg_1/dpsi = g_2, dg_2/dpsi = -g_1
         w = float(t.weights[g])
-        n1, n2 = e1 * times(k1, w), e2 * times(k2, w)
+        n1, n2 = e1 * times(EA_2l, w), e2 * times(C_2l, w)
         x, y = rotate_2d(c, s, n1, n2)
         fx.append(x)
         fy.append(y)
@@ -221,14 +221,14 @@ def tangent(lane, order, points, section, weights, S: Lanes):
     share = viscoelastic_slope(None, tau, weights.damping, ck)
     # derivatives by d_x, d_y (inertial axes), psi: material, geometric; without d(strain rate)/dq
     h: list[list[Any]] = [[] for _ in range(6)]  # xx xy yy xt yt tt
-    for g, (k1, k2, own) in enumerate(materials(section, p)):
+    for g, (EA_2l, C_2l, own) in enumerate(materials(section, p)):
         c, s, g1, g2, n1, n2, _ = points[POINT * g : POINT * (g + 1)]
         w = float(t.weights[g])
         answers = normal(g1 - length, length, own), shear(g2, length, own)
         c1, c2 = (viscoelastic_slope(answer.slope, tau, weights.damping, ck) for answer in answers)
-        k1, k2 = k1 * c1, k2 * c2
-        j1, j2, both = times(k1, w), times(k2, w), times(k1 + k2, w)
-        part = c * times(k1 - k2, w)
+        EA_2l, C_2l = EA_2l * c1, C_2l * c2
+        j1, j2, both = times(EA_2l, w), times(C_2l, w), times(EA_2l + C_2l, w)
+        part = c * times(EA_2l - C_2l, w)
         hxx = part * c + j2
         across, along = g2 * j1 - n2 * ck, g1 * j2 - n1 * ck
         entries = (hxx, part * s, both - hxx, c * across + s * along, s * across - c * along, g2 * across + g1 * along)
@@ -346,14 +346,14 @@ def energy_sums(lane, order, q, v, psi, spin, left, section):
     place, rate = _nodes(lane, q, p, (x, y, psi)), _nodes(lane, v, p, (vx, vy, spin))
     (_, dx), (_, dy), (turn, bend) = (slopes(sums, t, nodes) for nodes in place)
     angle = values_at(sums, t, place[T], turn)
-    strain, uniform = 0.0, hasattr(section, "kb")
+    strain, uniform = 0.0, hasattr(section, "EI_2l")
     length, bent = length_of(section), unbent(section, [turn, *place[T][2:]])
-    for g, (k1, k2, own) in enumerate(materials(section, p)):
+    for g, (EA_2l, C_2l, own) in enumerate(materials(section, p)):
         s, c = sincos(angle[g])
         g1, g2 = rotate_back_2d(c, s, dx[g], dy[g])
-        both = normal(g1 - length, length, own).energy * k1 + shear(g2, length, own).energy * k2
+        both = normal(g1 - length, length, own).energy * EA_2l + shear(g2, length, own).energy * C_2l
         weight = 0.5 * float(t.weights[g])
-        strain = strain + (both + (bend[g] * bend[g]) * section.kb if uniform else both) * weight
+        strain = strain + (both + (bend[g] * bend[g]) * section.EI_2l if uniform else both) * weight
     for more in _nonlinear_part(section, t, _nonlinear_bending(sums, t, bent), lambda e, of: (of.energy - e * e) * 0.5):
         strain = strain + more
     # T = 1/2 v^T M v with the consistent mass, and the first moments int m x, int m y (inertial axes)
@@ -401,10 +401,10 @@ def damping_sums(lane, order, q, v, x, psi, left, section):
             rows.append((*_strain_rates(at, ux[g], uy[g], omega[g]), bend[g]))
         strains.append(rows)
     total = 0.0
-    uniform = hasattr(section, "kb")
-    for w, one, two, (k1, k2, _) in zip(t.weights, *strains, materials(section, p), strict=True):
-        parts = one[0] * two[0] * k1 + one[1] * two[1] * k2
-        total = total + (parts + one[2] * two[2] * section.kb if uniform else parts) * float(w)
+    uniform = hasattr(section, "EI_2l")
+    for w, one, two, (EA_2l, C_2l, _) in zip(t.weights, *strains, materials(section, p), strict=True):
+        parts = one[0] * two[0] * EA_2l + one[1] * two[1] * C_2l
+        total = total + (parts + one[2] * two[2] * section.EI_2l if uniform else parts) * float(w)
     return [total if uniform else total + dot(moments_of(section, t, bends[0]), bends[1])]
 
 

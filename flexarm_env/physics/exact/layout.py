@@ -44,9 +44,9 @@ CHAIN = Layout(
 OWN = len(NORMAL_AND_SHEAR) + len(BENDING)
 SECTION = Layout(
     "Section", "",
-    Field("k1", (), "N/m", "stretching stiffness EA / 2l"),
-    Field("k2", (), "N/m", "shear stiffness C / 2l"),
-    Field("kb", (), "N m", "bending stiffness EI / 2l"),
+    Field("EA_2l", (), "N/m", "stretching stiffness EA / 2l"),
+    Field("C_2l", (), "N/m", "shear stiffness C / 2l"),
+    Field("EI_2l", (), "N m", "bending stiffness EI / 2l"),
     Field("length", (), "m", "length l of an element"),
     Field("ml", (), "kg", "m l / 2 with the mass m per length"),
     Field("jl", (), "kg m^2", "J l / 2 with the rotary inertia J per length"),
@@ -56,13 +56,13 @@ SECTION = Layout(
 VARYING = Layout(
     "Varying", "order",
     Field("length", (), "m", "length l of this element"),
-    Field("stretch", ("order",), "N/m", "stretching stiffness EA / 2l at the Gauss points"),
-    Field("shear", ("order",), "N/m", "shear stiffness C / 2l at the Gauss points"),
-    Field("bend", ("order", "order"), "N m", "bending stiffness int EI d_i d_j ds / l^2; d: slopes (`tables.Tables`)"),
+    Field("EA_2l", ("order",), "N/m", "stretching stiffness EA / 2l at the Gauss points"),
+    Field("C_2l", ("order",), "N/m", "shear stiffness C / 2l at the Gauss points"),
+    Field("K_EI", ("order", "order"), "N m", "bending stiffness int EI d_i d_j ds / l^2; d: slopes (`tables.Tables`)"),
     Field("mass", ("order + 1", "order + 1"), "kg",
           "int m f_i f_j ds; f: shape functions of the nodes (`tables.Tables`)"),
     Field("rotary", ("order + 1", "order + 1"), "kg m^2", "int J f_i f_j ds: rotary inertia"),
-    Field("bending", ("order",), "N m", "EI / 2l at the Gauss points; read for a nonlinear law M(kappa)"),
+    Field("EI_2l", ("order",), "N m", "EI / 2l at the Gauss points; read for a nonlinear law M(kappa)"),
     Field("own", ("order", OWN), "", "further constants of the material laws at the Gauss points"),
 )  # fmt: skip
 """`VARYING`: constants of one element in an arm whose sections vary; used instead of `SECTION`."""
@@ -200,9 +200,9 @@ def factors_of(model):
 class Section(NamedTuple):
     """Constants of the elements of a link with one section, as in `SECTION`, and its damping."""
 
-    k1: float  # N/m, EA / 2l: stretching stiffness
-    k2: float  # N/m, C / 2l: shear stiffness
-    kb: Any  # N m, EI / 2l times the arm's own factor on EI: bending stiffness
+    EA_2l: float  # N/m, EA / 2l: stretching stiffness
+    C_2l: float  # N/m, C / 2l: shear stiffness
+    EI_2l: Any  # N m, EI / 2l times the arm's own factor on EI: bending stiffness
     length: float  # m, length l of an element
     ml: float  # kg, m l / 2 with the mass per length m
     jl: float  # kg m^2, J l / 2 with the rotary inertia per length J
@@ -239,7 +239,7 @@ def section_of(lane, model, par: Lanes, k):
         return Varying(numbers, factor, tau, model.rest[len(model.order) * model.elements * k :])
     at, of = _OF_SECTION.end * k, model.sections
     return Section(
-        of[at + _OF_SECTION.k1], of[at + _OF_SECTION.k2], par[STIFFNESS_FACTOR] * of[at + _OF_SECTION.kb],
+        of[at + _OF_SECTION.EA_2l], of[at + _OF_SECTION.C_2l], par[STIFFNESS_FACTOR] * of[at + _OF_SECTION.EI_2l],
         of[at + _OF_SECTION.length], of[at + _OF_SECTION.ml], of[at + _OF_SECTION.jl], of[at + _OF_SECTION.own :], tau,
     )  # fmt: skip
 

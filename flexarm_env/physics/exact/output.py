@@ -6,8 +6,8 @@ angles (rad) are from the x axis.
 
 import numpy as np
 
-from ...compiler import Lanes, kernel, sincos
-from ..arithmetic import gravity_along, load_vector, scaled_by_share, store_vector
+from ...compiler import Lanes, kernel, sincos, store
+from ..arithmetic import gravity_along, load_vector, scaled_by_share, store_pair, store_vector
 from ..integrator.newton import move_prediction
 from ..integrator.work import copy_rows
 from ..layout import OF_LOAD, POSE
@@ -56,6 +56,29 @@ def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
             if of[ROWS_OF_LOAD.hinge] >= 0:
                 psi = psi + q[of[ROWS_OF_LOAD.hinge]]
             store_vector(lane, y, links + OF_LOAD.end * f, (px, py, psi))
+
+
+@kernel
+def input_rates(lane, model, par, q: Lanes, v: Lanes, y: Lanes):
+    """Write the rates of `input_displacements` to y: joint rates (rad/s), then velocity (m/s), rate of each load point.
+
+    A load at the end of a lever (length l along psi) moves at (x', y') + l psi' (-sin psi, cos psi).
+    """
+    rows, links = rows_of(model), model.links
+    y[0] = v[T]
+    for k in range(1, links):
+        y[k] = v[rows.hinges + k - 1]
+    for f in range(model.loads.shape[0] // ROWS_OF_LOAD.end):
+        of = model.loads[ROWS_OF_LOAD.end * f :]
+        vx, vy = v[of[ROWS_OF_LOAD.x]], v[of[ROWS_OF_LOAD.y]]
+        rate = v[of[ROWS_OF_LOAD.psi]]
+        if model.rigid is not None:
+            turned = rate * model.rigid[lever_at(links, 0) + f]
+            sine, cosine = sincos(q[of[ROWS_OF_LOAD.psi]])
+            vx, vy = vx - sine * turned, vy + cosine * turned
+        if of[ROWS_OF_LOAD.hinge] >= 0:
+            rate = rate + v[of[ROWS_OF_LOAD.hinge]]
+        store_vector(lane, y, links + OF_LOAD.end * f, (vx, vy, rate))
 
 
 @kernel
@@ -155,12 +178,11 @@ for _order in range(2, 4):
 
 
 @kernel
-def centerline(model, q, points):
+def centerline(lane, model, q: Lanes, points):
     """Write positions along the chain (m, inertial axes) to points, p per element; return the number of positions.
 
-    The kernel has one lane.
-    q: coordinates of the arm. p is the polynomial order. Writing stops when `points` (n, 2) is full. The first point of
-    a link is its joint; the last point of all is the arm's tip.
+    q: coordinates of the arm. p is the polynomial order. Writing stops when `points` (n, lanes of 2 numbers) is full.
+    The first point of a link is its joint; the last point of all is the arm's tip.
     """
     p, rows = len(model.order), rows_of(model)
     at = element_at(0, p)
@@ -172,19 +194,21 @@ def centerline(model, q, points):
                 share = j / p
                 left = q[i + X], q[i + Y]
                 if model.rigid is not None and e % model.elements == 0:
-                    x, y, _, _ = beam_start_motion((0,), model, q, q, e // model.elements)
+                    x, y, _, _ = beam_start_motion(lane, model, q, q, e // model.elements)
                     left = x, y
                 # x, y (inertial axes) = (1 - share) left + share right + interior functions
                 for axis in range(2):
                     value = left[axis] * (1.0 - share) + q[i + at.right + axis] * share
                     for k in range(p - 1):
-                        value += STATIONS[p, j, k] * q[i + at.interior + AXES * k + axis]
-                    points[count, axis] = value
+                        value = value + STATIONS[p, j, k] * q[i + at.interior + AXES * k + axis]
+                    store(points[count], axis, value)
                 if j == 0 and e % model.elements == 0:
-                    points[count, 0], points[count, 1], _, _ = joint_motion((0,), model, q, q, e // model.elements)
+                    x, y, _, _ = joint_motion(lane, model, q, q, e // model.elements)
+                    store_pair(lane, points[count], 0, (x, y))
                 count += 1
     if count < points.shape[0]:
-        points[count, 0], points[count, 1], _, _ = joint_motion((0,), model, q, q, model.links)
+        x, y, _, _ = joint_motion(lane, model, q, q, model.links)
+        store_pair(lane, points[count], 0, (x, y))
         count += 1
     return count
 

@@ -5,20 +5,21 @@ is rotated by the angle rho'q relative to the frame. Gravity enters as an accele
 not needed. The sweep from root to tip therefore transmits only a section's angle, its rates and its acceleration. The
 sweep from tip to root transmits a force and a moment (theory, section 3).
 
-Recurring arguments. `model` is the `Mesh`, common to all bodies. `D` is one body's block of constants (`layout.BODY`).
-q, v, a begin at the body's n elastic coordinates. E = [[0, -1], [1, 0]] rotates a vector by 90 deg. In a frame that
-rotates at w the derivative of a vector y is y' + w E y.
+Recurring arguments. `model` is the `Mesh`, common to all bodies. `D` is one body's block of constants
+(`constants.BODY`). q, v, a begin at the body's n elastic coordinates. E = [[0, -1], [1, 0]] rotates a vector by 90 deg.
+In a frame that rotates at w the derivative of a vector y is y' + w E y.
 """
 
 from ...compiler import Lanes, kernel, sincos, size, unrolled
 from ..arithmetic import load_pair, load_vector, rotate_2d, rotate_back_2d, store_pair, store_vector
 from ..model import STIFFNESS_FACTOR, TAU_D
-from .layout import KNOWN, NOW, PASSED, body_at, factors_at, span_at, strain_at, vectors_at, window
+from .constants import body_at, span_at
+from .layout import KNOWN, NOW, PASSED, factors_at, strain_at, vectors_at, window
 
 
 @kernel
 def constants(model):
-    """Return a named tuple with the index of each field of `layout.BODY` in a body's block of constants."""
+    """Return a named tuple with the index of each field of `constants.BODY` in a body's block of constants."""
     return body_at(0, size(model.n), len(model.window), len(model.elements), 0)
 
 
@@ -260,17 +261,17 @@ def forces(
         vectors[vec.gsx + i] = gsx
         vectors[vec.px + i] = px
         gq, cb = vectors[vec.gq + i], vectors[vec.cb + i]
-        # (K_bend (q - q0) + tau_d K_bend v) times the factor on EI; the linear stretch unless von Karman replaces it
-        elastic = dot(lane, model, D, own.K_bend + i * n, q)
+        # (K_EI (q - q0) + tau_d K_EI v) times the factor on EI; the linear stretch unless von Karman replaces it
+        elastic = dot(lane, model, D, own.K_EI + i * n, q)
         if model.curved is not None:
             elastic = elastic - D[own.moment + i]
         if model.damped is not None:
-            elastic = elastic + dot(lane, model, D, own.K_bend + i * n, v) * tau
+            elastic = elastic + dot(lane, model, D, own.K_EI + i * n, v) * tau
         elastic = elastic * stiffness
         if model.full is None:
-            elastic = elastic + along(lane, model, D, own.K_axial + i * n, q)
+            elastic = elastic + along(lane, model, D, own.K_EA + i * n, q)
             if model.damped is not None:
-                elastic = elastic + along(lane, model, D, own.K_axial + i * n, v) * tau
+                elastic = elastic + along(lane, model, D, own.K_EA + i * n, v) * tau
         # f_q = Gamma'(R'' - g) + alpha (c + B q) + M_ff a - w^2 (c_u + G q) + 2 w B v
         total = (gsx * ax + ay * gsy) + alpha * cb + dot(lane, model, D, own.M_ff + i * n, a)
         total = total - square * gq

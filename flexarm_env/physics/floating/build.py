@@ -12,28 +12,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import validation as check
-from ...compiler import WIDEST
 from ...parameters import Arm, Link, Payload
-from ...scene import PointLoad, Scene
+from ...scene import InnerLoad, PointLoad, Scene
 from ...settings import MODAL_BOUND, Settings
 from ..model import BEAM, FloatingChain, FloatingFrame, Mesh, System, fixed_rows, levers
 from ..protocol import NewtonPolicy
-from .beam_element import BENDING
 from .constants import Body, finite_element_body, free_coordinates
 from .layout import (
     ANGLE,
-    BODY,
     ELASTIC,
     FACTORS,
+    INNER,
     JOINT,
     LEVER_FACTORS,
     ROOT,
     ROW,
-    SPAN,
-    STATION,
     STRAIN,
     VECTORS,
-    window,
 )
 from .reduction import inertia_margins, modal_body
 
@@ -168,26 +163,6 @@ def build(scene: Scene, settings: Settings) -> System:
     return _joined(scene, settings) if settings.multipliers else _chain(scene, settings)
 
 
-def _span(body: Body, e: int, n: int, mesh: Mesh, frame: str) -> NDArray[np.float64]:
-    """Return the `SPAN` of finite element e: EA/l, and stretch and matrix H on the coordinates of its window.
-
-    n: number of elastic coordinates of a body. frame: "root" or "chord".
-    """
-    elements = len(mesh.elements)
-    free, wide = list(free_coordinates(elements, frame)), len(mesh.window)
-    begin = window(mesh, n, e)
-    # (u, v, phi) of all nodes less those that the frame fixes: the coordinates in the element's window
-    own = free[begin : begin + wide]  # of all nodes' coordinates, those in the window
-    # g and H on the coordinates of all nodes, because a window at the body's end lacks fixed ones; then cut out
-    stretch, H = np.zeros(3 * elements + 3), np.zeros((3 * elements + 3,) * 2)
-    first = 3 * e  # three coordinates a node
-    # stretch u2 - u1, and H on (v1, phi1, v2, phi2)
-    stretch[[first, first + 3]] = -1.0, 1.0
-    bending = first + BENDING
-    H[np.ix_(bending, bending)] = body.element_g[e]
-    return SPAN.pack({"window": wide}, stiffness=body.element_ea[e], stretch=stretch[own], H=H[np.ix_(own, own)])
-
-
 def _mesh(bodies: list[Body], arm: Arm, settings: Settings) -> Mesh:
     """Return the `Mesh` of all bodies: the bodies' sizes, and a tag for each term that the kernels contain."""
     n = bodies[0].n
@@ -209,35 +184,6 @@ def _mesh(bodies: list[Body], arm: Arm, settings: Settings) -> Mesh:
     )
 
 
-def _block(
-    body: Body, mesh: Mesh, frame: str, drag: float, damped: float, offset: float, most_lost: float
-) -> NDArray[np.float64]:
-    """Return the block of a body in `data`, packed as `layout.BODY`.
-
-    drag: mass-proportional damping, 1/s.
-    damped: the body's share of tau_d.
-    offset: angle (rad) of the rigid joint at its tip.
-    most_lost: largest loss of inertia, kg m^2.
-    """
-    n, elements = body.n, len(mesh.elements)
-    # field by field in groups of lanes, because the kernel draws a group of stations at once
-    stations = np.array([
-        STATION.pack({"n": n}, x=x, u=shape[0], v=shape[1], H=h)
-        for x, shape, h in zip(body.stations, body.shapes, body.station_h, strict=True)
-    ])  # fmt: skip
-    in_lanes = stations.reshape(-1, len(WIDEST), stations.shape[1]).swapaxes(1, 2)
-    return BODY.pack(
-        {"n": n, "window": len(mesh.window), "elements": elements, "stations": len(stations)},
-        length=body.length, mass=body.mass, S0=body.s0, I0=body.i0, offset=offset, most_lost=most_lost,
-        S_bar_x=body.s_bar[0], S_bar_y=body.s_bar[1], c_u=body.c_u, c=body.c,
-        tip_u=body.tip[0], tip_v=body.tip[1], tip_phi=body.tip[2],
-        G=body.g, M_ff=body.m_ff, B=body.b, K_axial=body.k_axial, K_bend=body.k_bend, D0=body.d0, tip_H=body.tip_h,
-        drag=drag, damped=damped, root=body.root, stations=in_lanes,
-        moment=body.moment, spent=0.5 * body.moment @ body.q0,
-        spans=[_span(body, e, n, mesh, frame) for e in range(elements)],
-    )  # fmt: skip
-
-
 def _shared(scene: Scene, settings: Settings, bodies: list[Body], offsets: NDArray[np.float64]) -> dict[str, Any]:
     """Return the fields that `FloatingChain` and `FloatingFrame` share. offsets: angles of rigid joints, rad."""
     arm, mesh = scene.arm, _mesh(bodies, scene.arm, settings)
@@ -245,10 +191,11 @@ def _shared(scene: Scene, settings: Settings, bodies: list[Body], offsets: NDArr
     limits, segments = _limits(scene, bodies, settings.modes is not None), settings.segments or 1
     shares = np.repeat(arm.damping[1] or (1.0,) * arm.n_links, segments)
     blocks = [
-        _block(body, mesh, settings.frame, arm.mass_damping, share, offset, limit)
+        body.packed(mesh, settings.frame, arm.mass_damping, share, offset, limit)
         for body, share, offset, limit in zip(bodies, shares, offsets, limits, strict=True)
     ]
     point_loads = [load for load in scene.loads if isinstance(load, PointLoad)]
+    loaded = np.array([(load.link, _side(load, segments)) for load in point_loads], np.int64)
     return {
         "n_inputs": arm.n_links + 3 * len(point_loads),
         "mesh": mesh,
@@ -258,8 +205,15 @@ def _shared(scene: Scene, settings: Settings, bodies: list[Body], offsets: NDArr
         "bound": 0.0 if settings.modes is None else MODAL_BOUND,
         "data": np.concatenate(blocks),
         "gravity": None if scene.gravity is None else np.array(scene.gravity),
-        "loads": np.array([(p.link, p.end == "tip") for p in point_loads], np.int64).ravel() if point_loads else None,
+        "loads": loaded.ravel() if point_loads else None,
     }
+
+
+def _side(load: PointLoad, segments: int) -> int:
+    """Return the `LOADED.side` of a point load on a link of so many segments."""
+    if isinstance(load, InnerLoad):
+        return INNER + round(load.place * segments) - 1
+    return int(load.end == "tip")
 
 
 def _chain(scene: Scene, settings: Settings) -> System:
@@ -305,6 +259,7 @@ def _chain(scene: Scene, settings: Settings) -> System:
         table=None,
         jointed=(0,) if arm.jointed else None,
         eccentric=np.array(arm.payload.offset) if eccentric else None,
+        inside=(0,) if any(isinstance(load, InnerLoad) for load in scene.loads) else None,
         **_shared(scene, settings, bodies, np.zeros(count)),
     )
     return System.of(arm, model, q0, coordinates, names, ((0, 1),), (ANGLE,))

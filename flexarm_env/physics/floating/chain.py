@@ -17,8 +17,22 @@ from ..layout import OF_LOAD
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, FloatingChain
 from ..protocol import State, register
 from .body import forces, propagate_to_tip
-from .chain_output import centerline, damping_power, energy, input_displacements, link_poses, out_of_range
-from .layout import ANGLE, JOINT, KNOWN, LOADED, PASSED, ROOT, acts_at, cell, elastic_row, elbow_row, factors_at
+from .chain_inputs import input_displacements, input_rates
+from .chain_output import centerline, damping_power, energy, link_poses, out_of_range
+from .layout import (
+    ANGLE,
+    INNER,
+    JOINT,
+    KNOWN,
+    LOADED,
+    PASSED,
+    ROOT,
+    acts_at,
+    cell,
+    elastic_row,
+    elbow_row,
+    factors_at,
+)
 from .matrix import condense, reduce, restore, tangent
 from .rigid import (
     ACROSS,
@@ -78,7 +92,7 @@ def frame_at(lane, model, state: State, i, pose):
 
 @kernel
 def subtract_loads(lane, model, link, end, u: Lanes, force: Lanes):
-    """Subtract the point loads at an end (0 root, 1 tip) of a link from the force and moment in `force` (3,).
+    """Subtract the point loads at an end (a `LOADED.side`) of a link from the force and moment in `force` (3,).
 
     force: components along inertial axes (N), then the moment (N m).
     u: inputs, i.e. joint torques of all links, then x, y and torque of each load (`LOAD`).
@@ -142,6 +156,8 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
         subtract_loads(lane, model, k, 1, u, force)
         transmit_inward(lane, end_of(model, k, TIP_END), force, weights, S, levers)
         for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):
+            if model.inside is not None:
+                subtract_loads(lane, model, k, INNER + b - k * model.segments, u, force)
             e, D, own = elastic_row(model, b), model.data[model.block * b :], S[first + stride * b :]
             forces(lane, mesh, D, par, carried, q[e:], v[e:], a[e:], force, known, vectors, strains, own, r[e:])
             # d(f_R, f_theta, r_q) of the body alone, at constant G and M; `condense` adds the bodies beyond
@@ -348,6 +364,6 @@ def solve(lane, model, S: Lanes, x: Lanes):
 
 
 register(
-    FloatingChain, assemble, add_stiffness, factor, solve, input_displacements, damping_power, energy,
+    FloatingChain, assemble, add_stiffness, factor, solve, input_displacements, input_rates, damping_power, energy,
     link_poses, out_of_range, centerline,
 )  # fmt: skip

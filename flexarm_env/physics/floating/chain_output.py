@@ -1,10 +1,10 @@
 """Outputs of floating frames, with or without multipliers: input displacements, energies, poses, range, centerline.
 
 The Model is `physics.model.FloatingChain`, whose table is None, or `FloatingFrame`, in which each body has rows for its
-frame. `D` is one body's block of constants (`layout.BODY`). The argument for the `Mesh` of all bodies is called `mesh`,
-in kernels of a single body `model`."""
+frame. `D` is one body's block of constants (`constants.BODY`). The argument for the `Mesh` of all bodies is called
+`mesh`, in kernels of a single body `model`."""
 
-from ...compiler import WIDEST, Lanes, absolute, kernel, load, select_lt, sincos, size, stack, store, unrolled
+from ...compiler import WIDEST, Lanes, absolute, kernel, select_lt, sincos, size, stack, unrolled
 from ..arithmetic import (
     gravity_along,
     load_pair,
@@ -14,17 +14,18 @@ from ..arithmetic import (
     store_pair,
     store_vector,
 )
-from ..layout import OF_LOAD, POSE
+from ..layout import POSE
 from ..model import DIVERGED, OUT_OF_RANGE, PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR
 from .body import along, constants, damping_time, dot, in_window, product, tip, turn_of_root
-from .layout import ANGLE, ELASTIC, FRAME, LOADED, START, acts_at, elastic_row, elbow_row, span_at, station_at, window
+from .constants import span_at, station_at
+from .layout import ELASTIC, FRAME, START, elastic_row, elbow_row, window
 from .rigid import ROOT_END, TIP_END, add_rigid_end, end_of, far_point_pose, to_payload
 
 SIX = (0,) * 6
 
 
 @kernel
-def _enter(lane, model, q: Lanes, v: Lanes, k, b, pose: Lanes):
+def enter(lane, model, q: Lanes, v: Lanes, k, b, pose: Lanes):
     """Write the pose (6,) of the root section of body b of link k: position, angle and their rates, inertial axes.
 
     On entry, pose is that of the tip section before body b. The pose of the first body, or of a body with its own frame
@@ -43,7 +44,7 @@ def _enter(lane, model, q: Lanes, v: Lanes, k, b, pose: Lanes):
 
 
 @kernel
-def _elastic(model, b):
+def elastic_of(model, b):
     """Return the row of body b's first elastic coordinate, in a chain or with multipliers (model.table is not None)."""
     if model.table is None:
         return elastic_row(model, b)
@@ -90,7 +91,7 @@ def place(lane, model, D, q, v, pose: Lanes, frame: Lanes):
 
 
 @kernel
-def _visit(lane, model, q: Lanes, v: Lanes, tell, out):
+def visit(lane, model, q: Lanes, v: Lanes, tell, out):
     """Call tell(lane, model, k, end, pose, out) at the root and at the tip of each link k, along the chain.
 
     pose (6,), `POSE`: x, y, angle and rates of the section at the joint, beyond rigid ends; inertial axes.
@@ -101,11 +102,11 @@ def _visit(lane, model, q: Lanes, v: Lanes, tell, out):
     pose, frame = stack(lane, SIX), stack(lane, SIX)
     for k in range(model.links):
         for b in range(k * model.segments, (k + 1) * model.segments):
-            _enter(lane, model, q, v, k, b, pose)
+            enter(lane, model, q, v, k, b, pose)
             if b == k * model.segments:
                 tell(lane, model, k, ROOT_END, pose, out)
                 far_point_pose(lane, end_of(model, k, ROOT_END), pose)
-            e = _elastic(model, b)
+            e = elastic_of(model, b)
             place(lane, model.mesh, model.data[model.block * b :], q[e:], v[e:], pose, frame)
         far_point_pose(lane, end_of(model, k, TIP_END), pose)
         tell(lane, model, k, TIP_END, pose, out)
@@ -113,7 +114,7 @@ def _visit(lane, model, q: Lanes, v: Lanes, tell, out):
 
 @kernel
 def _to_pose(lane, model, link, end, pose: Lanes, out: Lanes):
-    """Copy a pose (6,) into the `POSE` of a link in out: at its root (end 0) or tip (end 1). Argument of `_visit`."""
+    """Copy a pose (6,) into the `POSE` of a link in out: at its root (end 0) or tip (end 1). Argument of `visit`."""
     for i in range(6):
         out[POSE.end * link + POSE.tip_x * end + i] = pose[i]
 
@@ -123,34 +124,7 @@ def link_poses(lane, model, par, q, v, out, tasks=None):
     """Write x, y (m), angle (rad) and their rates of each link's root, then of its tip, in inertial axes.
 
     out: one `layout.POSES` record for each link. q, v: coordinates and rates of the arm."""
-    _visit(lane, model, q, v, _to_pose, out)
-
-
-@kernel
-def _to_loads(lane, model, link, end, pose, y):
-    """Write x, y (m), angle (rad) of a pose to the rows of y for point loads at this end; an argument of `_visit`."""
-    for f in range(model.loads.shape[0] // LOADED.end):
-        if acts_at(model.loads, f, link, end):
-            store_vector(lane, y, model.links + OF_LOAD.end * f, load_vector(lane, pose, POSE.x))
-
-
-@kernel
-def ports_of_loads(lane, model, q, y):
-    """Write the position (m, inertial axes) and section angle (rad) at each point load to y, after the joint angles."""
-    if model.loads is not None:
-        _visit(lane, model, q, q, _to_loads, y)
-
-
-@kernel
-def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
-    """Write the displacements on which inputs do work to y: joint angles, then x, y, angle at each point load.
-
-    Joint angles (rad) are the root's angle and the elbows' relative angles. Positions (m) are in inertial axes, section
-    angles in rad. since is not read, because angles in the plane add up."""
-    y[0] = q[ANGLE]
-    for k in range(1, model.links):
-        y[k] = q[elbow_row(model, k)]
-    ports_of_loads(lane, model, q, y)
+    visit(lane, model, q, v, _to_pose, out)
 
 
 @unrolled
@@ -164,11 +138,11 @@ def _damping(lane, model, D, par: Lanes, q, v: Lanes, x: Lanes, total):
     See docs/theory.md, (1.3)."""
     own, n, wide = constants(model), size(model.n), len(model.window)
     if model.damped is not None:
-        part = product(lane, model, D, own.K_bend, x, v) * par[STIFFNESS_FACTOR]
-        # linear stretch: K_axial
+        part = product(lane, model, D, own.K_EI, x, v) * par[STIFFNESS_FACTOR]
+        # linear stretch: K_EA
         # von Karman (theory, eq. 1.3): EA/l times both stretch rates, (g + H q)'v and (g + H q)'x
         if model.full is None and model.modal is None:
-            part = part + product(lane, model, D, own.K_axial, x, v)
+            part = part + product(lane, model, D, own.K_EA, x, v)
         else:
             span = span_at(own.spans, wide)
             for e in range(len(model.elements)):
@@ -218,10 +192,10 @@ def damping_power(lane, model, par, q: Lanes, v: Lanes, x: Lanes):
     v: rates of the arm."""
     total, mesh, last = 0.0, model.mesh, model.links * model.segments - 1
     for b in range(last + 1):
-        e = _elastic(model, b)
+        e = elastic_of(model, b)
         total = _damping(lane, mesh, model.data[model.block * b :], par, q[e:], v[e:], x[e:], total)[0]
     if mesh.drag is not None:
-        e = _elastic(model, last)
+        e = elastic_of(model, last)
         total = total + _payload_drag(lane, mesh, model.data[model.block * last :], par, q[e:], v[e:], x[e:])[0]
     return total
 
@@ -257,12 +231,12 @@ def _energies(lane, model, D, par: Lanes, q: Lanes, v, frame):
     if model.modal is None:
         spun = spun + product(lane, model, D, own.B, v, q)
     kinetic = kinetic + w * spun
-    # U = 1/2 q^T K_bend q times the EI factor, less q^T K_bend q_0 of a curved body
-    strain = product(lane, model, D, own.K_bend, q, q) * (par[STIFFNESS_FACTOR] * 0.5)
+    # U = 1/2 q^T K_EI q times the EI factor, less q^T K_EI q_0 of a curved body
+    strain = product(lane, model, D, own.K_EI, q, q) * (par[STIFFNESS_FACTOR] * 0.5)
     if model.curved is not None:
         strain = strain + (D[own.spent] - dot(lane, model, D, own.moment, q)) * par[STIFFNESS_FACTOR]
     if model.full is None and model.modal is None:
-        strain = strain + product(lane, model, D, own.K_axial, q, q) * 0.5
+        strain = strain + product(lane, model, D, own.K_EA, q, q) * 0.5
     # elements: EA/(2 l) (g'q + q'H q / 2)^2 (theory, eq. 1.2)
     span = span_at(own.spans, wide)
     for e in range(len(model.elements)):
@@ -297,10 +271,10 @@ def energy(lane, model, par: Lanes, q: Lanes, v: Lanes):
     gx, gy = gravity_along(model.gravity, 0), gravity_along(model.gravity, 1)
     for k in range(model.links):
         for b in range(k * model.segments, (k + 1) * model.segments):
-            _enter(lane, model, q, v, k, b, pose)
+            enter(lane, model, q, v, k, b, pose)
             if b == k * model.segments:
                 add_rigid_end(lane, end_of(model, k, ROOT_END), pose, ends)
-            e, D = _elastic(model, b), model.data[model.block * b :]
+            e, D = elastic_of(model, b), model.data[model.block * b :]
             (x, y), mass = load_pair(lane, pose, POSE.x), D[constants(model.mesh).mass]
             place(lane, model.mesh, D, q[e:], v[e:], pose, frame)
             moving, bent, mx, my = _energies(lane, model.mesh, D, par, q[e:], v[e:], frame)
@@ -358,7 +332,7 @@ def out_of_range(lane, model, par: Lanes, q: Lanes):
     the code."""
     status, payload = 0.0, par[PAYLOAD_MASS]
     for b in range(model.links * model.segments - 1, -1, -1):
-        own = q[_elastic(model, b) :]
+        own = q[elastic_of(model, b) :]
         deflection, lost = _ranges(lane, model.mesh, model.data[model.block * b :], payload, own)
         payload = 0.0
         if model.mesh.modal is not None:
@@ -369,67 +343,65 @@ def out_of_range(lane, model, par: Lanes, q: Lanes):
 
 
 @kernel
-def _sum(D, at, x, n):
-    """Return sum_j D[at + j] x_j for len(WIDEST) stations at once; D: lanes of stations; x (n,): numbers of one arm."""
-    total = load(WIDEST, D, at) * x[0]
+def _sum(lane, D, at, every, x: Lanes, n):
+    """Return sum_j D[at + every j] x_j, j < n; D: numbers of `every` drawing stations for each j; x (n,): lanes."""
+    total = x[0] * D[at]
     for j in range(1, n):
-        total = total + load(WIDEST, D, at + j) * x[j]
+        total = total + x[j] * D[at + every * j]
     return total
 
 
 @kernel
-def _draw(mesh, D, q, x0, y0, frame, line):
-    """Write x, then y (m, inertial axes) of a group of len(WIDEST) drawing stations of one body to line (2 lanes).
+def _draw(lane, mesh, D, i, q: Lanes, x0, y0, frame, line):
+    """Write x, y (m, inertial axes) of drawing station i of one body to line (2,).
 
-    # in       D: a `STATION`, each entry for all stations of the group; q: elastic coordinates; x0, y0: origin (m);
-    #          frame: `FRAME`
+    # in       D: a `STATION`, each entry for a group of len(WIDEST) stations; q: elastic coordinates;
+    #          x0, y0: origin (m); frame: `FRAME`
 
     See docs/theory.md, (4.1)."""
-    n = size(mesh.n)
+    n, every = size(mesh.n), len(WIDEST)
     at = station_at(0, n)
     # place in frame axes: shape functions, or modes with foreshortening q'H q / 2
-    x, y = load(WIDEST, D, at.x), _sum(D, at.v, q, n)
+    x, y = D[at.x * every + i], _sum(lane, D, at.v * every + i, every, q, n)
     if mesh.modal is None:
-        x = x + _sum(D, at.u, q, n)
+        x = x + _sum(lane, D, at.u * every + i, every, q, n)
     else:
-        bent = _sum(D, at.H, q, n) * q[0]
-        for i in range(1, n):
-            bent = bent + _sum(D, at.H + i * n, q, n) * q[i]
+        bent = _sum(lane, D, at.H * every + i, every, q, n) * q[0]
+        for j in range(1, n):
+            bent = bent + _sum(lane, D, (at.H + j * n) * every + i, every, q, n) * q[j]
         x = x - bent * 0.5
     # to inertial axes
-    c, s = frame[FRAME.cos], frame[FRAME.sin]
-    store(line, 0, x * c + x0 - y * s)
-    store(line, 1, x * s + y0 + y * c)
+    c, s = load_pair(lane, frame, FRAME.cos)
+    store_pair(lane, line, 0, (x * c + x0 - y * s, x * s + y0 + y * c))
 
 
 @kernel
-def centerline(model, q, points):
-    """Write points (m, inertial axes) along one arm to `points` (n_points, 2) and return the number of points.
+def centerline(lane, model, q: Lanes, points):
+    """Write points (m, inertial axes) along the arm to `points` (n, lanes of 2 numbers); return the number of points.
 
     The points are the root, then the drawing stations of all bodies from root to tip, until `points` is full. The last
     point of a link with rigid ends is its joint at the tip."""
-    lane, many = (0,), len(WIDEST)
+    many = len(WIDEST)
     mesh, n = model.mesh, size(model.mesh.n)
-    pose, frame, line = stack(lane, SIX), stack(lane, SIX), stack(WIDEST, (0, 0))
-    points[0, 0], points[0, 1] = q[0], q[1]
+    pose, frame = stack(lane, SIX), stack(lane, SIX)
+    store_pair(lane, points[0], 0, load_pair(lane, q, 0))
     count, stations = 1, constants(mesh).stations
     length = station_at(0, n).end * many
     for k in range(model.links):
         for b in range(k * model.segments, (k + 1) * model.segments):
-            _enter(lane, model, q, q, k, b, pose)
+            enter(lane, model, q, q, k, b, pose)
             if b == k * model.segments:
                 far_point_pose(lane, end_of(model, k, ROOT_END), pose)
-            D, e = model.data[model.block * b :], q[_elastic(model, b) :]
-            x0, y0 = pose[POSE.x], pose[POSE.y]
+            D, e = model.data[model.block * b :], q[elastic_of(model, b) :]
+            x0, y0 = load_pair(lane, pose, POSE.x)
             place(lane, mesh, D, e, e, pose, frame)
             for group in range((model.block - stations) // length):
-                _draw(mesh, D[stations + group * length :], e, x0, y0, frame, line)
                 for i in range(many):
                     if count == points.shape[0]:
                         return count
-                    points[count, 0], points[count, 1] = line[i], line[many + i]
+                    _draw(lane, mesh, D[stations + group * length :], i, e, x0, y0, frame, points[count])
                     count += 1
         far_point_pose(lane, end_of(model, k, TIP_END), pose)
         if model.rigid is not None:  # a link's last point is where its rigid end ends
-            points[count - 1, 0], points[count - 1, 1] = pose[POSE.x], pose[POSE.y]
+            store_pair(lane, points[count - 1], 0, load_pair(lane, pose, POSE.x))
     return count

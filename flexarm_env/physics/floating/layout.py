@@ -1,4 +1,4 @@
-"""Layouts of a floating-frame Model's arrays: `table` (row per body), `data` (block per body), factors in S, scratch.
+"""Layouts of a floating-frame Model's `table` (row per body), of factors in S and of scratch; `data`: see `constants`.
 
 Components that kernels read together (`arithmetic.load_pair`, `load_vector`) are adjacent fields in the loaded order.
 Symbols are those of docs/theory.md, sections 1 to 3. Frame axes are the axes of a body's floating frame.
@@ -31,56 +31,6 @@ LEVER_FACTORS = Layout(
     Field("turn", (), "", "weighted derivative of the near point's moment by the angle at constant forces"),
 )  # fmt: skip
 """Terms of the Newton matrix for each rigid end and for the payload's lever. They follow the bodies' factors in S."""
-
-# in `data`: EA/l, g and H of one finite element (1.2), on the coordinates of its window
-SPAN = Layout(
-    "Span", "window",
-    Field("stiffness", (), "N/m", "axial stiffness EA / l"),
-    Field("stretch", ("window",), "", "g: linear stretch u2 - u1 (m) of an element is g'q, with q of its window"),
-    Field("H", ("window", "window"), "1/m", "H: stretch q'H q / 2 of second order (von Karman); G of [45] (paper)"),
-)  # fmt: skip
-# in `data`: N_u, N_v (m) at a point where the centerline is drawn (frame axes)
-STATION = Layout(
-    "Station", "n",
-    Field("x", (), "m", "position of the drawing station along the axis"),
-    Field("u", ("n",), "", "shape functions along the axis"),
-    Field("v", ("n",), "", "shape functions across the axis"),
-    Field("H", ("n", "n"), "1/m", "foreshortening: u -= q'H q / 2"),
-)  # fmt: skip
-# in `data`: the constants (2.1) of one body, frame axes
-BODY = Layout(
-    "Body", "n, window, elements, stations",
-    Field("length", (), "m", "undeformed length of the body"),
-    Field("mass", (), "kg", "m_t (theory, 2.1): mass of the body"),
-    Field("S0", (), "kg m", "S_0: first moment along the axis, undeformed"),
-    Field("I0", (), "kg m^2", "I_0: inertia about the frame's origin, undeformed"),
-    Field("offset", (), "rad", "angle of the rigid joint at the body's tip"),
-    Field("most_lost", (), "kg m^2", "largest allowed loss of inertia about the root by foreshortening; inf: no limit"),
-    Field("S_bar_x", ("n",), "kg", "S_bar, x row: elastic part of the first moment along the axis"),
-    Field("S_bar_y", ("n",), "kg", "S_bar, y row: elastic part of the first moment across the axis"),
-    Field("c_u", ("n",), "kg m", "c_u of the inertia I = I0 + 2 c_u'q + q'G q, eq. 2.2"),
-    Field("c", ("n",), "kg m", "c of the elastic angular momentum (c + B q)'q', eq. 2.3"),
-    Field("tip_u", ("n",), "", "shape functions along the axis at the tip"),
-    Field("tip_v", ("n",), "", "shape functions across the axis at the tip"),
-    Field("tip_phi", ("n",), "1/m", "phi_t (tau of eq. 3.1): shape functions of the tip section's angle"),
-    Field("G", ("n", "n"), "kg", "G = M_uv - D, eq. 2.2"),
-    Field("M_ff", ("n", "n"), "kg", "M_ff: elastic mass matrix with rotary inertia"),
-    Field("B", ("n", "n"), "kg", "B: skew gyroscopic matrix, eq. 2.1"),
-    Field("K_axial", ("n", "n"), "N/m", "linear stiffness [44], stretching part"),
-    Field("K_bend", ("n", "n"), "N/m", "linear stiffness [44], bending part (with shear)"),
-    Field("D0", ("n", "n"), "kg", "D_0: foreshortening in the first moment, s_bar_x -= q'D0 q / 2"),
-    Field("tip_H", ("n", "n"), "1/m", "H(L): foreshortening of the tip, t_x -= q'H q / 2"),
-    Field("drag", (), "1/s", "alpha: coefficient of mass-proportional damping"),
-    Field("damped", (), "", "the body's share of the arm's tau_d, read if tau_d differs between links"),
-    Field("root", ("n",), "", "rho: the root section is rotated by rho'q (rad) relative to the frame"),
-    Field("moment", ("n",), "", "K_bend q0: bending forces subtracted for a stress-free shape q0"),
-    Field("spent", (), "J", "q0'K_bend q0 / 2: bending energy at q = 0"),
-    Field("spans", ("elements", SPAN.length), "", "one `SPAN` for each finite element"),
-    Field("stations", ("stations", STATION.length), "", "a `STATION` per drawing station, in lanes of len(WIDEST)"),
-)  # fmt: skip
-body_at = kernel(BODY.offsets)
-station_at = kernel(STATION.offsets)
-span_at = kernel(SPAN.offsets)
 
 # in S: w, alpha, R'' - g and t of the last residual, frame axes
 NOW = Layout(
@@ -176,16 +126,19 @@ ROOT = Layout(
     Field("own", (), "", "stiffness (N m) from `add_stiffness` at the hub"),
     Field("factors", (3, 3), "", "LU of the whole chain condensed to x, y, angle of the root; inverted pivots"),
 ).places  # fmt: skip
-# a point load acts on a link's root or tip (side 0 or 1)
+# a point load acts on a link's root or tip (side 0 or 1), or between two of the link's bodies
 LOADED = Layout(
-    "Loaded", "", Field("link", (), "", "link that a point load acts on"), Field("side", (), "", "end: 0 root, 1 tip")
-).places
+    "Loaded", "", Field("link", (), "", "link that a point load acts on"),
+    Field("side", (), "", "end: 0 root, 1 tip; `INNER` + b: tip of the link's body b, which is not the last"),
+).places  # fmt: skip
+INNER = 2
+"""Value of `LOADED.side` for the tip of a link's first body."""
 factors_at = kernel(FACTORS.offsets)
 
 
 @kernel
 def acts_at(loads, f, link, end):
-    """Return whether point load f acts at an end (0 root, 1 tip) of a link; `loads` contains one `LOADED` per load."""
+    """Return whether point load f acts at an end of a link (a `LOADED.side`); `loads` contains a `LOADED` per load."""
     at = LOADED.end * f
     return loads[at + LOADED.link] == link and loads[at + LOADED.side] == end
 

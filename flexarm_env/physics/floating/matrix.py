@@ -14,7 +14,8 @@ from ...compiler import Lanes, kernel, size, unrolled
 from ..arithmetic import load_pair, load_vector, rotate_2d, rotate_back_2d, store_pair
 from ..model import STIFFNESS_FACTOR
 from .body import constants, damping_time, dot, turn_of_root
-from .layout import KNOWN, NOW, cell, factors_at, span_at, strain_at, vectors_at, window
+from .constants import span_at
+from .layout import KNOWN, NOW, cell, factors_at, strain_at, vectors_at, window
 
 
 @unrolled
@@ -106,12 +107,12 @@ def tangent(lane, model, D, par: Lanes, carried, cm, cc, ck, v, a: Lanes, known,
         S[row + theta] = cb * cm + (bv - w * gq) * (2.0 * cc) + lever * ck
         # by q_j: elastic stiffness + cm M_ff - w^2 ck G + (2 w cc + alpha ck) B, minus what foreshortening takes
         for j in range(n):
-            entry = bend * D[own.K_bend + i * n + j] + cm * D[own.M_ff + i * n + j]
+            entry = bend * D[own.K_EI + i * n + j] + cm * D[own.M_ff + i * n + j]
             entry = entry - turned * D[own.G + i * n + j]
             if model.modal is None:
                 entry = entry + spun * D[own.B + i * n + j]
                 if model.full is None:
-                    entry = entry + slope * D[own.K_axial + i * n + j]
+                    entry = entry + slope * D[own.K_EA + i * n + j]
             else:
                 entry = entry - (ax * D[own.D0 + i * n + j] + gx * D[own.tip_H + i * n + j]) * ck
             if model.drag is not None:

@@ -18,7 +18,8 @@ from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, FloatingFrame
 from ..protocol import State, register
 from .body import constants, forces, propagate_to_tip, tip
 from .chain import diagonal, frame_at, payload_force, subtract_loads
-from .chain_output import centerline, damping_power, energy, link_poses, out_of_range, ports_of_loads
+from .chain_inputs import ports_of_loads
+from .chain_output import centerline, damping_power, energy, link_poses, out_of_range
 from .layout import ANGLE, ELASTIC, KNOWN, MOTION, MULTIPLIERS, NOW, START, factors_at
 from .matrix import add_outboard, tangent
 

@@ -27,8 +27,8 @@ from ..contact.integration import apply_contact_friction, least_contraction, mea
 from ..joints.friction import apply_friction
 from ..layout import ITERATIONS
 from ..protocol import (
-    ITERATE,
     ITERATE_ALONE,
+    RESIDUAL_ALONE,
     Weights,
     assemble,
     constraint_residual,
@@ -210,8 +210,10 @@ def newton(lane, model, drive, par, w: Work, slopes, scheme, plain):
         if scheme.modified is None:
             fresh = not reuses_matrix(model.newton, iteration)
         # r and, unless factors are reused, S = c_m dr/da + c_v dr/dv + dr/dq, eqs. [72]-[78]
-        weights = Weights(slopes.a, slopes.v, 1.0, newton_share=1.0, friction_apart=True, instant=ITERATE)
-        assemble(lane, model, par, state_of(w), w.u, weights if fresh else ITERATE_ALONE, w.r, w.S)
+        # without contacts the same tag as elsewhere, so that a program has one copy of the residual's kernel
+        alone = RESIDUAL_ALONE if model.newton.contact is None else ITERATE_ALONE
+        weights = Weights(slopes.a, slopes.v, 1.0, newton_share=1.0, friction_apart=True, instant=alone.instant)
+        assemble(lane, model, par, state_of(w), w.u, weights if fresh else alone, w.r, w.S)
         constraint_residual(lane, model, w.psi, state_of(w), 0, slopes.a, w.r)
         # w.r <- S^-1 r, then Coulomb friction (6.6) and the period correction (6.2)
         solve_unknown_rows(lane, model, drive, w, fresh)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ...compiler import kernel, select_lt, size
+from ..contact.moving import jump_obstacles
 from ..joints.friction import apply_friction, store_friction
 from ..layout import FACTORISATIONS
 from ..protocol import MASS_ALONE, RESIDUAL_ALONE, Weights, assemble, factor, solve
@@ -18,6 +19,8 @@ def light_joint_weights(h):
 @kernel
 def jump_accelerations(lane, model, par, flat, n_motions, h, first, kept=None):
     """Add to a and b the jump da that inputs cause when they change from w.u0 to w.u; q and v do not change.
+
+    Velocities of moving obstacles may jump at the same time.
 
     da solves M da + Phi_q^T dlambda = B (u - u0). Unlike `restart`, this function keeps the filtered accelerations of
     the integrator. Stretch, shear and rotary modes may be too fast for the step. Accelerations that are solved afresh
@@ -41,7 +44,8 @@ def jump_accelerations(lane, model, par, flat, n_motions, h, first, kept=None):
         if first is not None:
             before = select_lt(0.5, first, 0.0, before)
         w.q0[k] = before
-    # right-hand side r(u) - r(u0) = -B (u - u0), and the matrix
+    # right-hand side r(u) - r(u0) = -B (u - u0), with damping forces of obstacles whose velocities jump, and the matrix
+    jump_obstacles(lane, model, w, h)
     weights = MASS_ALONE if first is None else light_joint_weights(h)
     assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
     for k in range(n):

@@ -13,63 +13,22 @@ The integrator calls these functions for any Model. In models without Coulomb fr
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
-
 from ...compiler import Lanes, absolute, kernel, select_lt, size
 from .. import protocol
 from ..arithmetic import clip
 from ..layout import DISSIPATED
 from ..protocol import RESIDUAL_ALONE, State
-from .layout import GEAR, LAWS, PLACE, PLACES
+from .layout import GEAR, PLACE, PLACES, joint_law
 
 _SLIDES, _TURNS = 0.99, 1e-12
 """A joint slides if the other forces exceed the fraction _SLIDES of T_C and its rate exceeds _TURNS (rad/s, round-off).
 The fraction is less than 1 because of the solver's error."""
 
 
-class Law(NamedTuple):
-    """Constants of one joint's law (`layout.LAW`): numbers common to all arms, or lanes with each arm's numbers."""
-
-    stiffness: Any  # N m/rad: stiffness of the gear
-    damping: Any  # N m s/rad: damping of the gear
-    rotor: Any  # kg m^2: rotor inertia times the square of the gear ratio
-    viscous: Any  # N m s/rad: coefficient of viscous friction
-    coulomb: Any  # N m: Coulomb friction torque T_C
-    play: Any  # rad: half of the backlash
-
-
 @kernel
 def count(model):
     """Return the number of joints in the model's table. The table lists the joints that are not ideal."""
     return model.table.shape[0] // PLACES
-
-
-@kernel
-def _number(lane, model, par: Lanes, k):
-    """Return number k of the joint laws: model.data[k], or the arm's own number in `par` if `model.own` is not None."""
-    if model.own is None:
-        return model.data[k]
-    return par[size(model.own) + k]
-
-
-@kernel
-def joint_law(lane, model, par, i):
-    """Return the `Law` of joint i of the table, in SI units (see `layout.LAW`)."""
-    o = LAWS.end * i
-    return Law(
-        _number(lane, model, par, o + LAWS.stiffness),
-        _number(lane, model, par, o + LAWS.damping),
-        _number(lane, model, par, o + LAWS.rotor),
-        _number(lane, model, par, o + LAWS.viscous),
-        _number(lane, model, par, o + LAWS.coulomb),
-        _number(lane, model, par, o + LAWS.play),
-    )
-
-
-@kernel
-def hub_of(lane, model, par):
-    """Return the additional inertia at joint 0, kg m^2, of a model with `hub`. par: the arm's own parameters."""
-    return _number(lane, model, par, LAWS.hub)
 
 
 @kernel

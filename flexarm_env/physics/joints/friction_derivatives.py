@@ -16,10 +16,9 @@ from .friction import (
     direction,
     find_gaps,
     gear_at,
-    joint_law,
     solve_torques,
 )
-from .layout import GEAR, LAWS, PLACE, PLACES
+from .layout import GEAR, LAWS, PLACE, PLACES, joint_law
 
 
 @kernel

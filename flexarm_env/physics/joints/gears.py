@@ -17,8 +17,8 @@ from ..contributions import register
 from ..layout import ROTOR
 from ..model import Gears
 from ..protocol import State
-from .friction import count, direction, gear_at, hub_of, joint_law
-from .layout import GEAR, PLACE, PLACES
+from .friction import count, direction, gear_at
+from .layout import GEAR, PLACE, PLACES, hub_of, joint_law
 
 
 @kernel

@@ -1,7 +1,10 @@
-"""Layouts of a `Jointed` model's arrays and of the records that its joints add to the matrix array S."""
+"""Layouts of a `Jointed` model's arrays and of the records that its joints add to the matrix array S; joint laws."""
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
+from ...compiler import Lanes, kernel, size
 from ...layout import Field, Layout
 
 PLACE = Layout(
@@ -46,3 +49,42 @@ GEAR = Layout(
 """`GEAR`: one record per joint, stored in S after the arm's own entries. In models with friction, two arrays follow: a
 column of S^-1 (n numbers) for each joint, and a row of the linear system for the torques (`count` + 1 numbers) for each
 joint."""
+
+
+class Law(NamedTuple):
+    """Constants of one joint's law (`LAW`): numbers common to all arms, or lanes with each arm's numbers."""
+
+    stiffness: Any  # N m/rad: stiffness of the gear
+    damping: Any  # N m s/rad: damping of the gear
+    rotor: Any  # kg m^2: rotor inertia times the square of the gear ratio
+    viscous: Any  # N m s/rad: coefficient of viscous friction
+    coulomb: Any  # N m: Coulomb friction torque T_C
+    play: Any  # rad: half of the backlash
+
+
+@kernel
+def _number(lane, model, par: Lanes, k):
+    """Return number k of the joint laws: model.data[k], or the arm's own number in `par` if `model.own` is not None."""
+    if model.own is None:
+        return model.data[k]
+    return par[size(model.own) + k]
+
+
+@kernel
+def joint_law(lane, model, par, i):
+    """Return the `Law` of joint i of the table, in SI units (see `LAW`)."""
+    o = LAWS.end * i
+    return Law(
+        _number(lane, model, par, o + LAWS.stiffness),
+        _number(lane, model, par, o + LAWS.damping),
+        _number(lane, model, par, o + LAWS.rotor),
+        _number(lane, model, par, o + LAWS.viscous),
+        _number(lane, model, par, o + LAWS.coulomb),
+        _number(lane, model, par, o + LAWS.play),
+    )
+
+
+@kernel
+def hub_of(lane, model, par):
+    """Return the additional inertia at joint 0, kg m^2, of a model with `hub`. par: the arm's own parameters."""
+    return _number(lane, model, par, LAWS.hub)

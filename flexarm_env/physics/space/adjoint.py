@@ -7,7 +7,7 @@ moments (section axes).
 from ...compiler import kernel, load, splat, store
 from ..arithmetic import add_to, store_vector
 from ..protocol import register
-from .chain import SpatialBeam, fill_zeros, has_lever, three_of
+from .chain import SpatialBeam, fill_zeros, has_lever
 from .inner import down_transposed, elements_before, multiplied, up_transposed
 from .layout import AXES, B, F, H, J, count_of, factor_at, hinge_at, inner_at, inner_row, joint_row, rows_before
 from .matrix import (
@@ -20,7 +20,7 @@ from .matrix import (
     swing_of,
     transposed_times,
 )
-from .rotations import Vector, add_vector, cross, dot, load_vector
+from .rotations import Vector, add_vector, cross, dot, load_vector, three_of
 
 
 @kernel

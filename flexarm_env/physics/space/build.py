@@ -15,7 +15,7 @@ from ...bodies import Body, RigidLink, combined_body
 from ...compiler import uncompiled
 from ...parameters import Arm, Elbow, Joint, Link, Motor, Payload, Section, Taper
 from ...rigid import axis_of, mount_of
-from ...scene import PointLoad, Scene
+from ...scene import InnerLoad, PointLoad, Scene
 from ...sections import ACROSS, ENDS
 from ...settings import Settings, default_options
 from ..model import BEAM, Honours, System
@@ -23,8 +23,8 @@ from ..protocol import NewtonPolicy
 from . import segments
 from .chain import SpatialBeam
 from .element import BOW
-from .layout import AXES, BODY, ELEMENT, FRAME, INNER, JOINT, LOAD, PLACE, WEIGHT, B, E, F, H, W, hinge_at, points_for
-from .segments import LEAST_ROTARY, Natural
+from .layout import AXES, BODY, ELEMENT, INNER, JOINT, LOAD, PLACE, B, E, F, H, hinge_at
+from .segments import FRAME, LEAST_ROTARY, WEIGHT, Natural, W, points_for
 
 Array = NDArray[np.float64]
 
@@ -147,7 +147,7 @@ def _elements(link: Link, n: int, damping: float) -> list[Array]:
                 {}, length=length, mass=masses[e], inertia=0.5 * length * rotary, EA=series["EA"][e],
                 shear=[1.0 / series[name][e] for name in ("C", "C_y")],
                 bow=[length**2 * second[name][e] for name in ("EI", "EI_y")],
-                bend=[series["GJ"][e], series["EI_y"][e], series["EI"][e]], rest=[0.0, 0.0, turns[e]],
+                EI=[series["GJ"][e], series["EI_y"][e], series["EI"][e]], rest=[0.0, 0.0, turns[e]],
                 chord=chords[e] + [0.0, tilts[1] * turns[e], 0.0], tilt=tilts, damping=damping,
             )
         )  # fmt: skip
@@ -286,14 +286,17 @@ def _beams(sections: list[Array], frames: list[Array], inner: int) -> float:
     return float(sum(row[E.mass : E.mass + 3].sum() for row in sections))
 
 
-def _loads(scene: Scene) -> list[Array]:
+def _loads(scene: Scene, settings: Settings) -> list[Array]:
     """Pack a `LOAD` for each point load of the scene."""
     found = []
     for load in scene.loads:
         if isinstance(load, PointLoad):
             at_tip, link = load.end == "tip", scene.arm.links[load.link]
-            lever = tip_lever(link) if at_tip else -link.root_offset * X
-            found.append(LOAD.pack({}, link=load.link, at_tip=at_tip, lever=lever))
+            section, lever = float(at_tip), tip_lever(link) if at_tip else -link.root_offset * X
+            if isinstance(load, InnerLoad):
+                # vertex e is at the end of element e
+                section, lever = 1.0 + round(load.place * count_elements(link, settings)), 0.0 * X
+            found.append(LOAD.pack({}, link=load.link, section=section, lever=lever))
     return found
 
 
@@ -324,7 +327,7 @@ def system(
     notes: error estimates by name.
     own: further fields of the Model, which depend on the kind of links.
     """
-    arm, loads, names = scene.arm, _loads(scene), names_of(scene.arm, settings)
+    arm, loads, names = scene.arm, _loads(scene, settings), names_of(scene.arm, settings)
     row, first, places, weight = AXES, B.end + H.end * arm.n_links, [], np.ones(len(names))
     # row, number of elements and offset in S of each link; weight: 1/L for places, 1 for angles, 0 for rows of rigid
     # links, which never move
@@ -367,6 +370,7 @@ def system(
         damped=(0,) if arm.damping[0] > 0.0 else None,
         rotors=_rotors(arm),
         free=mass if scene.root == "free" else None,
+        inside=(0,) if any(isinstance(load, InnerLoad) for load in scene.loads) else None,
         **own,
     )
     # par: m_p (kg), factors of payload inertia and EI, tau_d (s), factors of EI_y and GJ

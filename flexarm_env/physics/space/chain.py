@@ -13,12 +13,10 @@ import numpy as np
 from ...compiler import Lanes, kernel, sincos
 from ..arithmetic import store_vector
 from ..layout import ROTOR
-from ..model import EI_Y_FACTOR, GJ_FACTOR, STIFFNESS_FACTOR, TAU_D
 from ..protocol import NewtonPolicy, State
-from .element import Place, Section, add_block, scale
-from .layout import E, H, J, L, P, hinge_at, joint_row, rows_before
+from .element import Place, add_block
+from .layout import H, J, L, P, hinge_at, joint_row, rows_before
 from .rotations import (
-    Matrix,
     Vector,
     about_identity,
     add_vector,
@@ -27,12 +25,14 @@ from .rotations import (
     dot,
     load_vector,
     matrix,
+    nine_of,
     outer,
     plus_identity,
     quaternion,
     rotating_acceleration,
     skew,
     skewed,
+    three_of,
 )
 from .strained_layout import noted_at
 
@@ -58,6 +58,7 @@ class Chain(NamedTuple):
     polynomials, points: tuples of zeros, one for each polynomial of a strain and one for each Gauss point of a link
     scratch: tuple of zeros, three for each Gauss point: size of stack arrays
     curved: (0,) if a link is curved without stress, otherwise None
+    inside: (0,) if a point load acts between two elements of a link, otherwise None
 
     Terms that a None or a tag switches off are left out of the machine code."""
 
@@ -89,6 +90,7 @@ class Chain(NamedTuple):
     points: tuple[int, ...] = ()
     scratch: tuple[int, ...] = ()
     curved: tuple[int, ...] | None = None
+    inside: tuple[int, ...] | None = None
 
 
 class SpatialBeam(Chain):
@@ -119,48 +121,6 @@ class Hinge(NamedTuple):
     turn: Any
     lever: Any
     root: Vertex
-
-
-@kernel
-def three_of(lane, array, k):
-    """Return entries k, k + 1, k + 2 of a model array as a `Vector`; the vector is the same in all lanes."""
-    return Vector(array[k], array[k + 1], array[k + 2])
-
-
-@kernel
-def nine_of(lane, array, k):
-    """Return nine entries of a model array from k on, stored by rows, as a `Matrix` that is the same in all lanes."""
-    return Matrix(three_of(lane, array, k), three_of(lane, array, k + 3), three_of(lane, array, k + 6))
-
-
-@kernel
-def uneven_of(lane, model, i):
-    """Return (chord, a_y, a_z) of element i, see `bow_of`; None if no section and curvature varies along an element."""
-    if model.uneven is None:
-        return None
-    o = E.end * i
-    tilt = model.sections[o + E.tilt], model.sections[o + E.tilt + 1]
-    return three_of(lane, model.sections, o + E.chord), tilt[0], tilt[1]
-
-
-@kernel
-def factors_of(lane, par: Lanes):
-    """Return the arm's own factors (no unit) on the stiffnesses GJ, EI_y, EI as a `Vector`, from its parameters."""
-    return Vector(par[GJ_FACTOR], par[EI_Y_FACTOR], par[STIFFNESS_FACTOR])
-
-
-@kernel
-def section_at(lane, model, par: Lanes, i):
-    """Return the constants (`Section`) of element i, scaled by the arm's stiffness factors and tau_d in par."""
-    o, of, factors = E.end * i, model.sections, factors_of(lane, par)
-    tau = None if model.damped is None else par[TAU_D] * of[o + E.damping]
-    _, about_y, about_z = factors
-    # C* = 1 / (1/C + bow / factor): shear along y in series with residual bending about z, and vice versa
-    along_y = about_z / (about_z * of[o + E.shear] + of[o + E.bow])
-    along_z = about_y / (about_y * of[o + E.shear + 1] + of[o + E.bow + 1])
-    stretch = Vector(of[o + E.EA], along_y, along_z)
-    bend, rest = scale(three_of(lane, of, o + E.bend), factors), three_of(lane, of, o + E.rest)
-    return Section(of[o + E.length], stretch, bend, rest, uneven_of(lane, model, i), tau)
 
 
 @kernel
@@ -378,21 +338,21 @@ def rotor_moment(lane, model, S: Lanes, k, at, weights, o):
 
 
 @kernel
-def point_load_wrench(lane, model, u, k, at_tip, at, weights, S, o):
-    """Return the (force, moment) in the residual of the point loads on the root or tip of link k; add their tangent.
+def point_load_wrench(lane, model, u, k, section, at, weights, S, o):
+    """Return the (force, moment) in the residual of the point loads on a section of link k; add their tangent.
 
     Inputs u hold force F and moment M of each load along inertial axes, behind the joint torques. force = -F (inertial
     axes), moment = -(A^T M + c x A^T F) (section axes) with the load's lever c.
     at: kinematic state (`Vertex`) of the section.
-    at_tip: True for loads on the tip. With weights.with_matrix the moment's derivative by the section's rotation is
-    added to the 6 x 6 matrix at o of S. See docs/theory.md, section 9."""
+    section: `LOAD.section`. With weights.with_matrix the moment's derivative by the section's rotation is added to the
+    6 x 6 matrix at o of S. See docs/theory.md, section 9."""
     zero = 0.0
     force, moment = Vector(zero, zero, zero), Vector(zero, zero, zero)
     if model.loads is not None:
         for f in range(model.loads.shape[0] // L.end):
             first = L.end * f
             if int(model.loads[first + L.link]) == k:
-                if (model.loads[first + L.at_tip] != 0.0) == at_tip:
+                if model.loads[first + L.section] == section:
                     j, A = model.links + 6 * f, matrix(at.place.p)
                     c, push = three_of(lane, model.loads, first + L.lever), load_vector(lane, u, j)
                     # force and moment in section axes

@@ -99,7 +99,7 @@ def _link(link: Link, n: int, damping: float) -> Array:
     natural = _interval(L * np.diff(own.ends), curves.along(link.curvature, L * own.inner))
     return STRAINED.pack(
         sizes, sums=own.sums, slants=own.slants, natural=np.array(natural).T, ways=L * own.ways,
-        mass=L * own.weights * plane.m, inertia=(L * own.weights)[:, None] * inertia, stiffness=stiffness,
+        mass=L * own.weights * plane.m, inertia=(L * own.weights)[:, None] * inertia, K_EI=stiffness,
         damping=damping, correction=np.zeros_like(stiffness),
     )  # fmt: skip
 
@@ -137,7 +137,7 @@ def _correction(packed: dict[str, Array], settings: Settings) -> Array:
     assert settings.dt is not None
     lengthening, share = 2.0 * settings.period_error * settings.dt**2, HEAVIER * settings.dt**4
     # M - M* of (5.3), symmetrized
-    M, K = _inertia(packed), packed["stiffness"]
+    M, K = _inertia(packed), packed["K_EI"]
     C = (lengthening * K - share * K @ np.linalg.solve(M, K)) @ np.linalg.solve(M + lengthening * K, M)
     C = np.asarray(0.5 * (C + C.transpose(0, 2, 1)))
     softest = ALIKE * min(K[1, 0, 0], K[2, 0, 0])

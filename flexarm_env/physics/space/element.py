@@ -41,6 +41,7 @@ from .rotations import (
     matrix,
     outer,
     plus_identity,
+    scale,
     shortest_rotation,
     skew,
     skewed,
@@ -50,22 +51,6 @@ from .rotations import (
 
 BOW = 1.0 / 24.0
 """Relative shortening of a circular arc, 1 - chord/arc, divided by the square of the arc's angle (rad)."""
-
-
-class Section(NamedTuple):
-    """Constants of one element, including the arm's own factors (`layout.ELEMENT`).
-
-    length: reference length l, m
-    stretch: EA, and the shear stiffness C* along y and z, which includes the residual bending flexibility, N
-    bend: GJ, EI_y, EI (about x, y, z), N m^2
-    rest: rotation vector psi from the left to the right end without stress, rad"""
-
-    length: Any
-    stretch: Any
-    bend: Any
-    rest: Any
-    uneven: Any  # (chord, a_y, a_z): fields chord and tilt of `layout.ELEMENT`; None without them
-    tau: Any  # s: time constant of Kelvin-Voigt damping
 
 
 class Place(NamedTuple):
@@ -101,12 +86,6 @@ class Middle(NamedTuple):
 
 
 @kernel
-def scale(a, d):
-    """Return the vector with the components a_i d_i of two vectors a and d."""
-    return Vector(a[0] * d[0], a[1] * d[1], a[2] * d[2])
-
-
-@kernel
 def middle(section, left, right):
     """Compute strains and stress resultants at an element's middle, all in the axes of the middle section (theory, 9).
 
@@ -114,7 +93,7 @@ def middle(section, left, right):
     left, right: positions, rotations and rates (`Place`) of the ends.
     Returns three items: the strains (Gamma, without unit; psi - psi_0, rad), the `Middle`, and the rates of the strains
     (1/s, rad/s; None undamped). Gamma is stretch and shear, psi the rotation vector from the left to the right end,
-    psi_0 that without stress. With D and K, the fields stretch and bend of `Section`, and arc from `arc_of`:
+    psi_0 that without stress. With D and K, the fields stretch and EI of `Section`, and arc from `arc_of`:
     n = D (Gamma + tau Gamma'), m = K (psi - psi_0 + tau psi') / l + l arc^T n."""
     share = 1.0 / section.length
     # relative rotation psi, rotation R of the middle, chord e = R^T (r_r - r_l) / l
@@ -138,7 +117,7 @@ def middle(section, left, right):
         n, m = n + section.tau * rates[0], m + section.tau * bend
     # stress resultants; by virtual work n contributes to the moment with arc = dGamma/dpsi
     n = scale(n, section.stretch)
-    m = share * scale(m, section.bend) + section.length * (arc.T @ n)
+    m = share * scale(m, section.EI) + section.length * (arc.T @ n)
     return (gamma, bent), Middle(psi, R, e, g, T, n, m, spin, slip, both, apart, bend), rates
 
 
@@ -154,7 +133,7 @@ def element_damping(section, before, after, share):
     # Gamma', kappa' (section axes): (strain_1 - strain_0) / h, and n, m that they cause
     stretch, bend = share * (stretch_1 - stretch_0), share * (bend_1 - bend_0)
     pull = scale(section.length * stretch, section.stretch)
-    moment = scale(1.0 / section.length * bend, section.bend)
+    moment = scale(1.0 / section.length * bend, section.EI)
     more = 0.5 * (stretch_rate_0 + stretch_rate_1) - stretch
     turn = 0.5 * (bend_rate_0 + bend_rate_1) - bend
     return dot(pull, stretch) + dot(moment, bend), dot(pull, more) + dot(moment, turn)
@@ -244,7 +223,7 @@ def tangent(lane, section, at, weights, S, o):
         rate = section.tau * weights.damping + c
     # material stiffness of n and m, springs and dampers: D (c_k + tau c_v), K (c_k + tau c_v) / l
     share = 1.0 / l
-    D, b = rate * section.stretch, share * rate * section.bend
+    D, b = rate * section.stretch, share * rate * section.EI
     arc, zero = arc_of(section.uneven, psi), l * 0.0
     n, own = c * at.n, at.m
     x, y, z = l * BOW * n
@@ -267,7 +246,7 @@ def tangent(lane, section, at, weights, S, o):
         left_D, right_D, late = left_D - unlike, right_D + unlike, 0.5 * late
         left_D = left_D + rows_of(late, swing - straight)
         right_D = right_D + rows_of(late, swing + straight)
-        bend = bend - rows_of(share * section.tau * c * 0.5 * section.bend, skew(at.both))
+        bend = bend - rows_of(share * section.tau * c * 0.5 * section.EI, skew(at.both))
     # dn/d(r_r - r_l), dn/dtheta: for the correction of places (`settled`)
     store_matrix(lane, S, o + F.by_place, x_D)
     store_matrix(lane, S, o + F.by_left, left_D)

@@ -11,7 +11,7 @@ from __future__ import annotations
 from ...compiler import Lanes, kernel, load_lane, superword
 from ..arithmetic import store_vector
 from . import inner
-from .chain import fill_zeros, has_lever, three_of, transmit_wrench
+from .chain import fill_zeros, has_lever, transmit_wrench
 from .inner import elements_before, factors, solution
 from .layout import AXES, F, H, J, count_of, factor_at, hinge_at, inner_at, inner_row, joint_row, rows_before
 from .matrix import (
@@ -26,7 +26,7 @@ from .matrix import (
     solve_six,
     transposed_times,
 )
-from .rotations import Vector, add_vector, dot, load_vector
+from .rotations import Vector, add_vector, dot, load_vector, three_of
 from .strained import strain_row
 from .strained_layout import noted_at
 

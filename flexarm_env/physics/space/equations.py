@@ -21,8 +21,6 @@ from .chain import (
     joint_kinematics,
     point_load_wrench,
     rotor_moment,
-    section_at,
-    three_of,
     transmit_wrench,
     vertex_at,
 )
@@ -30,7 +28,8 @@ from .element import forces, inertia_wrenches, middle, tangent
 from .elimination import factor, solve
 from .framed import framed
 from .inner import elements_before
-from .layout import AXES, B, E, F, H, J, L, before, count_of, factor_at, hinge_at, joint_row
+from .inputs import input_displacements, input_rates
+from .layout import AXES, B, E, F, H, J, L, before, count_of, factor_at, hinge_at, joint_row, section_at
 from .matrix import add_stiffness, matrix_in, store_spin_lag
 from .moving import local_difference, note_inverse, noted_inverse, retract, tangent_map, vertices_of
 from .output import (
@@ -38,13 +37,12 @@ from .output import (
     centerline,
     damping_power,
     energy,
-    input_displacements,
     link_poses,
     momentum,
     set_joint_configuration,
     strain_gauge,
 )
-from .rotations import Vector, add_vector, cross, dot, load_vector, matrix, store_matrix
+from .rotations import Vector, add_vector, cross, dot, load_vector, matrix, store_matrix, three_of
 from .settled import correct_positions
 from .strained import elastic, strained_difference, strained_update, sweep_inward, sweep_outward
 from .strained_layout import noted_at
@@ -83,18 +81,18 @@ def assemble(lane, model, par: Lanes, state, u, weights, r, S):
             transmit_wrench(
                 lane, model, r, S, k, add_rigid_body(lane, model.joints, at + J.near, None, None, tip, weights, S, o)
             )
-            transmit_wrench(lane, model, r, S, k, point_load_wrench(lane, model, u, k - 1, True, tip, weights, S, o))
+            transmit_wrench(lane, model, r, S, k, point_load_wrench(lane, model, u, k - 1, 1.0, tip, weights, S, o))
         if model.rotors is not None:
             if model.rotors[k] > 0:
                 transmit_wrench(lane, model, r, S, k, rotor_moment(lane, model, S, k, tip, weights, o))
         # (9.1) to the link's root; then wrenches of its elements, bodies and loads on it (force inertial, moment
         # section axes)
         hinge = joint_kinematics(lane, model, state, k, tip, weights)
-        last, on_root = _along(lane, model, par, k, state, hinge.root, weights, r, S)
+        last, on_root = _along(lane, model, par, k, state, u, hinge.root, weights, r, S)
         on_root = add_vector_pairs(
             on_root, add_rigid_body(lane, model.joints, at + J.far, None, None, hinge.root, weights, S, first)
         )
-        on_root = add_vector_pairs(on_root, point_load_wrench(lane, model, u, k, False, hinge.root, weights, S, first))
+        on_root = add_vector_pairs(on_root, point_load_wrench(lane, model, u, k, 0.0, hinge.root, weights, S, first))
         _note(lane, model, S, k, hinge, tip, on_root)
         if weights.with_matrix:
             store_spin_lag(lane, model, par, S, k, hinge.root.place.spin, weights)
@@ -104,7 +102,7 @@ def assemble(lane, model, par: Lanes, state, u, weights, r, S):
     transmit_wrench(lane, model, r, S, n, add_rigid_body(lane, model.end, 0, None, None, tip, weights, S, o))
     mass, share = par[PAYLOAD_MASS], par[PAYLOAD_INERTIA]
     transmit_wrench(lane, model, r, S, n, add_rigid_body(lane, model.payload, 0, mass, share, tip, weights, S, o))
-    transmit_wrench(lane, model, r, S, n, point_load_wrench(lane, model, u, n - 1, True, tip, weights, S, o))
+    transmit_wrench(lane, model, r, S, n, point_load_wrench(lane, model, u, n - 1, 1.0, tip, weights, S, o))
     # from the tip inward: axis . m goes to the joint's row, (f, E m + lever) to the section before
     for back_k in range(model.links):
         k = model.links - 1 - back_k
@@ -115,7 +113,7 @@ def assemble(lane, model, par: Lanes, state, u, weights, r, S):
 
 
 @kernel
-def _along(lane, model, par, k, state, root, weights, r, S):
+def _along(lane, model, par, k, state, u, root, weights, r, S):
     """Compute the wrenches on link k's sections from its root `Vertex` outward; add them to r, their tangent to S.
 
     Returns the `Vertex` (kinematic state) of the link's last section, and the (force, moment) on its root (N along
@@ -152,6 +150,10 @@ def _along(lane, model, par, k, state, root, weights, r, S):
             _add(lane, r, j - AXES, on_left)
         add_vector(lane, r, j, on_right[0])
         add_vector(lane, r, j + 3, on_right[1])
+        # loads between two elements
+        if model.inside is not None:
+            if e + 1 < count_of(model, k):
+                _add(lane, r, j, point_load_wrench(lane, model, u, k, 2.0 + e, right, weights, S, f + F.RR))
         left = right
         j += AXES
         element += 1
@@ -299,8 +301,8 @@ def _handed(lane, model, u: Lanes, weights, r: Lanes, S: Lanes, k, force, moment
 
 
 COMMON = (
-    assemble, add_stiffness, factor, solve, energy, input_displacements, damping_power, link_poses, centerline,
-    set_joint_configuration, conserve_momentum,
+    assemble, add_stiffness, factor, solve, energy, input_displacements, input_rates, damping_power, link_poses,
+    centerline, set_joint_configuration, conserve_momentum,
 )  # fmt: skip
 register(SpatialElastica, *COMMON, retract=strained_update, local_difference=strained_difference)
 register(

@@ -22,14 +22,7 @@ import math
 from typing import Any, NamedTuple
 
 from ...compiler import kernel, square_root
-from .rotations import (
-    Matrix,
-    Vector,
-    about_identity,
-    cross,
-    dot,
-    matrix,
-)
+from .rotations import Matrix, Vector, about_identity, cross, dot, matrix
 
 
 class Frame(NamedTuple):

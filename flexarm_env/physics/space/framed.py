@@ -13,20 +13,12 @@ import numpy as np
 from ...compiler import Lanes, inlined, kernel, select_lt
 from ..arithmetic import clip, minimum
 from ..model import STIFFNESS_FACTOR
-from .chain import factors_of, three_of
-from .element import scale
 from .frame import cross_with_ex, ex_cross, frame_of, frame_second_rates, phi_second, rates_of
 from .framed_tangent import tangent
 from .inner import HELIX, constant, ends_by, inner_by, product
-from .layout import W, frame_at, inner_of, inner_row, points_of, weight_end
-from .rotations import (
-    Vector,
-    add_vector,
-    cross,
-    dot,
-    load_vector,
-    rotating_acceleration,
-)
+from .layout import factors_of, inner_of, inner_row
+from .rotations import Vector, add_vector, cross, dot, load_vector, rotating_acceleration, scale, three_of
+from .segments import W, frame_at, points_of, weight_end
 
 MOST, HEAVY = 0.5, 40.0
 """Bound of the forces in a segment's tangent: force divided by EI / l^2 (buckling force: pi^2 EI / l^2), moment divided
@@ -138,7 +130,7 @@ def _elastic(lane, model, par: Lanes, frame, rates, tau, at, state, row):
     a, b = frame.left.phi, frame.right.phi
     # bending and torsion: K of the strained rotations less the moments without stress
     near, far = _strained(a, b)
-    l, r = _bent(lane, model, par, at.bend, near, far)
+    l, r = _bent(lane, model, par, at.K_EI, near, far)
     factor = par[STIFFNESS_FACTOR]
     l = l - factor * constant(lane, model, at.moment, 0)
     r = r - factor * constant(lane, model, at.moment, 1)
@@ -146,7 +138,7 @@ def _elastic(lane, model, par: Lanes, frame, rates, tau, at, state, row):
     if tau is not None:
         e = e + _stretch_rate(lane, model, frame, rates, (hl, hr), at, q, v, row) * tau
         near, far = _strained_rate(a, b, rates.left, rates.right)
-        dl, dr = _bent(lane, model, par, at.bend, near, far)
+        dl, dr = _bent(lane, model, par, at.K_EI, near, far)
         l, r = l + tau * dl, r + tau * dr
     # back to phi, and the stretch's moments pull H phi
     apart, both = 0.25 * (l - r), HELIX * (l + r)
@@ -161,7 +153,7 @@ def _inner_bent(lane, model, par, at, i, x, row):
     zero = 0.0
     total = Vector(zero, zero, zero)
     for j in range(inner_of(model)):
-        one = constant(lane, model, at.inner_bend, inner_of(model) * i + j)
+        one = constant(lane, model, at.inner_K_EI, inner_of(model) * i + j)
         total = total + scale(load_vector(lane, x, row + 3 * j), one)
     return scale(total, factors_of(lane, par))
 
@@ -223,7 +215,7 @@ def _most_force(section, sixth, mass):
     """Return the largest force (N) that enters the tangent of a segment, or infinity without a bound (see `MOST`).
 
     section: `Section`. sixth: a sixth of the segment's mass (kg). mass: weight of the mass in the matrix (1/s^2)."""
-    x, y, z = section.bend
+    x, y, z = section.EI
     square = section.length * section.length
     own = minimum(minimum(x, y), z) / square
     return select_lt(own * HEAVY, sixth * section.length * (6.0 * mass), own * MOST, np.inf)
@@ -346,7 +338,7 @@ def frame_sums(lane, model, par: Lanes, q, v, left, right, i):
     # strain energy (1.2), less the work of the moments without stress
     e, _, _ = _stretch(lane, model, frame, at, q, row)
     near, far = _strained(a.phi, b.phi)
-    l, r = _bent(lane, model, par, at.bend, near, far)
+    l, r = _bent(lane, model, par, at.K_EI, near, far)
     strain = (e * e * model.frames[at.pull] + dot(l, near) + dot(r, far)) * 0.5
     natural = dot(constant(lane, model, at.moment, 0), near) + dot(constant(lane, model, at.moment, 1), far)
     # T of rotary inertia, 1/2 w^T J w of a w_l + b w_r + c w
@@ -390,7 +382,7 @@ def frame_damping(lane, model, par, state, left, right, other_l, other_r, i):
     one, two = rates_of(frame, left, right), rates_of(frame, other_l, other_r)
     _, hl, hr = _stretch(lane, model, frame, at, q, row)
     near, far = _strained_rate(frame.left.phi, frame.right.phi, one.left, one.right)
-    l, r = _bent(lane, model, par, at.bend, near, far)
+    l, r = _bent(lane, model, par, at.K_EI, near, far)
     near, far = _strained_rate(frame.left.phi, frame.right.phi, two.left, two.right)
     stretch = _stretch_rate(lane, model, frame, one, (hl, hr), at, q, v, row)
     other = _stretch_rate(lane, model, frame, two, (hl, hr), at, q, x, row)
@@ -431,7 +423,7 @@ def frame_damping_over(lane, model, par, before, after, share, i):
     (e, near, far), (e_rate, near_rate, far_rate) = _strains(lane, model, (q, v), left, right, at, row)
     # rates (strain_1 - strain_0) / h of e and phi_bar, and the forces that they cause
     e, near, far = (e - e_0) * share, share * (near - near_0), share * (far - far_0)
-    l, r = _bent(lane, model, par, at.bend, near, far)
+    l, r = _bent(lane, model, par, at.K_EI, near, far)
     pull = e * model.frames[at.pull]
     power = pull * e + dot(l, near) + dot(r, far)
     # (rate_0 + rate_1) / 2 less those: the end rates' work beyond the dissipation
@@ -444,7 +436,7 @@ def frame_damping_over(lane, model, par, before, after, share, i):
         rate = share * (load_vector(lane, q, o) - load_vector(lane, q0, o))
         more = 0.5 * (load_vector(lane, v0, o) + load_vector(lane, v, o)) - rate
         for k in range(inner_of(model)):
-            stiff = scale(constant(lane, model, at.inner_bend, inner_of(model) * j + k), factors)
+            stiff = scale(constant(lane, model, at.inner_K_EI, inner_of(model) * j + k), factors)
             moment = scale(share * (load_vector(lane, q, row + 3 * k) - load_vector(lane, q0, row + 3 * k)), stiff)
             power, beyond = power + dot(moment, rate), beyond + dot(moment, more)
     return power, beyond

@@ -11,9 +11,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ...compiler import kernel
-from .chain import factors_of
 from .element import rows_of
 from .inner import HELIX, constant, product
+from .layout import factors_of
 from .rotations import Matrix, Vector, cross, outer, skew, skewed
 
 
@@ -38,7 +38,7 @@ def bent_rows(lane, model, par, a, b, near, far, at):
     near and far by the stiffness K, then by the transposed derivative of the `_strained` rotations by phi_l, phi_r.
     """
     d, factors = HELIX * (b - a), factors_of(lane, par)
-    l, r = _both_rows(lane, model, at.bend, near, far)
+    l, r = _both_rows(lane, model, at.K_EI, near, far)
     l, r = rows_of(factors, l), rows_of(factors, r)
     # transposed derivative of the terms phi_l x phi_r / 4 and d_x (d x e_x) / 24
     apart, both = 0.25 * (l - r), l + r

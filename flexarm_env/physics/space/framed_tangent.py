@@ -6,24 +6,14 @@ from typing import Any, NamedTuple
 
 from ...compiler import Lanes, kernel
 from ..arithmetic import store_vector
-from .chain import factors_of
-from .element import fill, rows_of, scale
+from .element import fill, rows_of
 from .frame import cross_with_ex, ex_cross
 from .framed_motion import bent_rows, late_of, late_pull, plus_lifted, swung, with_swung
 from .inner import HELIX, condense, constant, ends_by, inner_by
 from .inner import product as product_of
-from .layout import F, frame_at, inner_at, inner_of, inner_row
-from .rotations import (
-    Matrix,
-    Vector,
-    about_identity,
-    dot,
-    load_vector,
-    outer,
-    plus_identity,
-    skew,
-    skewed,
-)
+from .layout import F, factors_of, inner_at, inner_of, inner_row
+from .rotations import Matrix, Vector, about_identity, dot, load_vector, outer, plus_identity, scale, skew, skewed
+from .segments import frame_at
 
 
 @kernel
@@ -128,7 +118,7 @@ def _inner_pair(lane, model, par, slopes, share, rate, pull, weights, at, k, j, 
     slopes: H phi of both modes (m). share: weighted EA / l (N/m). rate: weight of K with damping. pull: chord's force
     (N)."""
     m, (one, two) = inner_of(model), slopes
-    bend = rate * constant(lane, model, at.inner_bend, m * k + j)
+    bend = rate * constant(lane, model, at.inner_K_EI, m * k + j)
     own = pull * weights.stiffness * constant(lane, model, at.inner_coupling, (m + 2) * k + 2 + j)
     own = own + weights.mass * constant(lane, model, at.inner_lateral, (m + 2) * k + 2 + j)
     own = own + weights.mass * constant(lane, model, at.inner_rotary, (m + 3) * k + 3 + j)

@@ -81,7 +81,7 @@ def _elements(link: Link, n: int, s: float, axis: int) -> tuple[int, Array, Arra
     ends = link.mesh(n, "elements")
     own = [ELEMENT.unpack(packed) for packed in _packed(link, n, 1.0)]
     # M of an element acts at its middle, or at its center of flexibility int x/EI / int 1/EI
-    lengths, stiff = np.diff(ends), np.array([one["bend"][axis] for one in own])
+    lengths, stiff = np.diff(ends), np.array([one["EI"][axis] for one in own])
     middles = 0.5 * (ends[1:] + ends[:-1])
     if axis > 0:
         middles = middles + lengths * [one["tilt"][axis - 1] for one in own]

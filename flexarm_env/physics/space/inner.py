@@ -10,10 +10,8 @@ coordinates. Row i of a table is for inner mode i. The columns are for the left 
 from __future__ import annotations
 
 from ...compiler import Lanes, kernel
-from .chain import three_of
-from .element import scale
 from .layout import F, count_of, inner_of
-from .rotations import Vector, dot, load_vector
+from .rotations import Vector, dot, load_vector, scale, three_of
 
 HELIX = 1.0 / 24.0
 """Rotation (rad) of the sections of a helix relative to its chord, divided by twist times bending angle (rad^2)."""

@@ -13,9 +13,13 @@ root relative to that vertex. In the descriptions "section before" is the last s
 
 from __future__ import annotations
 
-from ...compiler import kernel
+from typing import Any, NamedTuple
+
+from ...compiler import Lanes, kernel
 from ...layout import Field, Layout
 from ..layout import ROTOR
+from ..model import EI_Y_FACTOR, GJ_FACTOR, STIFFNESS_FACTOR, TAU_D
+from .rotations import Vector, scale, three_of
 
 AXES = 6
 """Number of coordinates of a vertex: position x, y, z, then rotation vector x, y, z."""
@@ -29,56 +33,11 @@ ELEMENT = Layout(
     Field("shear", (2,), "1/N", "shear flexibility 1/C along y, 1/C_y along z"),
     Field("bow", (2,), "1/N",
           "residual bending flexibility along y (from EI) and z (from EI_y); l^2/(12 EI) if EI is constant"),
-    Field("bend", (3,), "N m^2", "GJ, EI_y, EI: torsion and bending stiffness about x, y, z"),
+    Field("EI", (3,), "N m^2", "GJ, EI_y, EI: torsion and bending stiffness about x, y, z"),
     Field("rest", (3,), "", "l kappa_0: rotation vector (rad) from the left to the right end without stress"),
     Field("chord", (3,), "", "stress-free chord / l minus that of an arc (`element.bow_of`), axes of the middle"),
     Field("tilt", (2,), "", "a_y, a_z: distance from middle to center of flexibility for bending about y, z, over l"),
     Field("damping", (), "", "the link's Kelvin-Voigt time constant divided by the arm's largest"),
-)  # fmt: skip
-
-POINTS = 4
-"""Number of Gauss points for the mass of a segment without inner modes."""
-
-WEIGHT = Layout(
-    "Weight", "inner",
-    Field("xi", (), "", "position along the chord, from 0 (left) to 1 (right)"),
-    Field("mass", (), "kg", "mass of the Gauss point"),
-    Field("left", (3,), "m", "h along y, z: the point is h (phi x e_x) off the chord; phi: rotation of the left end"),
-    Field("right", (3,), "m", "h along y, z for the rotation of the right end, as in `left`"),
-    Field("inner", ("inner", 3), "m", "h along y, z for the amplitudes of each inner mode"),
-)  # fmt: skip
-
-FRAME = Layout(
-    "SpatialFrame", "inner, points",
-    Field("length", (), "m", "reference length l of the segment"),
-    Field("pull", (), "N/m", "EA / l, stiffness of the chord for stretch"),
-    Field("bend", (3, 3), "N m",
-          "stiffness K about x, y, z for the rotations phi: blocks (left, left), (left, right), (right, right)"),
-    Field("coupling", (3, 3), "m", "coupling H of stretch with bending (theory 1.2), blocks as in `bend`"),
-    Field("moment", (2, 3), "N m", "moments K phi_0 of the stress-free rotations phi_0 about x, y, z: left, right"),
-    Field("spent", (), "J", "phi_0^T K phi_0 / 2, the energy of the stress-free rotations phi_0"),
-    Field("rotary", (6, 3), "kg m^2",
-          "rotary inertia about x, y, z: (l, l), (l, r), (r, r), (l, frame), (r, frame), (frame, frame)"),
-    Field("mass", (3,), "kg", "mass matrix of the ends' positions: (left, left), (left, right), (right, right)"),
-    Field("near", (2, 3), "kg m",
-          "int m (1 - xi) h: coupling of the left position with the left and the right rotation, h of `WEIGHT`"),
-    Field("far", (2, 3), "kg m", "int m xi h: coupling of the right position with left and right rotation"),
-    Field("lateral", (3, 3), "kg m^2",
-          "int m h h of rotations about x, y, z: (left, left), (left, right), (right, right)"),
-    Field("points", ("points", WEIGHT.length), "", "Gauss points of the mass, a `WEIGHT` each"),
-    Field("inner_bend", ("inner", "inner", 3), "N m",
-          "stiffness of the inner modes about x, y, z; inner modes do not couple with the ends' rotations"),
-    Field("inner_coupling", ("inner", "inner + 2", 3), "m",
-          "coupling H of each inner mode with left, right, inner modes"),
-    Field("inner_lateral", ("inner", "inner + 2", 3), "kg m^2",
-          "int m h h of each inner mode with left, right, inner modes"),
-    Field("inner_rotary", ("inner", "inner + 3", 3), "kg m^2",
-          "rotary inertia of each inner mode with left, right, frame, inner modes"),
-    Field("inner_near", ("inner", 3), "kg m", "int m (1 - xi) h of each inner mode"),
-    Field("inner_far", ("inner", 3), "kg m", "integral of m xi h for each inner mode"),
-    Field("inner_moment", ("inner", 3), "N m", "stiffness times stress-free amplitudes, about x, y, z"),
-    Field("roll", ("inner + 2", "inner + 2", 3), "kg m^2",
-          "int m h_i h_j across planes (left, right, inner): [1] h_i on y, h_j on z; [2] reverse"),
 )  # fmt: skip
 
 BODY = Layout(
@@ -168,7 +127,7 @@ PLACE = Layout(
 LOAD = Layout(
     "SpatialLoad", "",
     Field("link", (), "", "index of the loaded link"),
-    Field("at_tip", (), "", "1: on the link's last section; 0: on its first section"),
+    Field("section", (), "", "0: on the link's first section; 1: on its last section; 2 + e: on its vertex e"),
     Field("lever", (3,), "m", "lever from the section's origin to the loaded point, section axes"),
 )  # fmt: skip
 
@@ -186,8 +145,7 @@ GAUGE = Layout(
 G = GAUGE.places
 E, J, P, F, H, B = ELEMENT.places, JOINT.places, BODY.places, FACTOR.places, HINGE.places, BASE.places
 PL, L = PLACE.places, LOAD.places
-W = WEIGHT.offsets(0, 0)
-_frame_at, _weight_at, inner_layout = kernel(FRAME.offsets), kernel(WEIGHT.offsets), kernel(INNER.offsets)
+inner_layout = kernel(INNER.offsets)
 
 
 @kernel
@@ -196,30 +154,6 @@ def inner_of(model):
     if model.inner is None:
         return 0
     return len(model.inner)
-
-
-def points_for(inner: int) -> int:
-    """Return the number of Gauss points for the mass of a segment with `inner` inner modes."""
-    return POINTS + 2 * inner
-
-
-@kernel
-def points_of(model):
-    """Return the number of Gauss points for the mass of each segment of the model."""
-    return POINTS + 2 * inner_of(model)
-
-
-@kernel
-def frame_at(model, i):
-    """Return the offsets, in model.frames, of the fields of the `FRAME` record of segment i, counted over all links."""
-    inner, points = inner_of(model), points_of(model)
-    return _frame_at(i * _frame_at(0, inner, points).end, inner, points)
-
-
-@kernel
-def weight_end(model):
-    """Return the length of one `WEIGHT` record in model.frames, in float64 entries."""
-    return _weight_at(0, inner_of(model)).end
 
 
 @kernel
@@ -282,3 +216,49 @@ def before(model, k):
     # S of the last section of link k - 1: LL of a rigid link's only block, RR of the last element
     e = count_of(model, k - 1)
     return factor_at(model, k - 1, 0) + F.LL if e == 0 else factor_at(model, k - 1, e - 1) + F.RR
+
+
+class Section(NamedTuple):
+    """Constants of one element, including the arm's own factors (`ELEMENT`).
+
+    length: reference length l, m
+    stretch: EA, and the shear stiffness C* along y and z, which includes the residual bending flexibility, N
+    EI: GJ, EI_y, EI (about x, y, z), N m^2
+    rest: rotation vector psi from the left to the right end without stress, rad"""
+
+    length: Any
+    stretch: Any
+    EI: Any
+    rest: Any
+    uneven: Any  # (chord, a_y, a_z): fields chord and tilt of `ELEMENT`; None without them
+    tau: Any  # s: time constant of Kelvin-Voigt damping
+
+
+@kernel
+def uneven_of(lane, model, i):
+    """Return (chord, a_y, a_z) of element i, see `bow_of`; None if no section and curvature varies along an element."""
+    if model.uneven is None:
+        return None
+    o = E.end * i
+    tilt = model.sections[o + E.tilt], model.sections[o + E.tilt + 1]
+    return three_of(lane, model.sections, o + E.chord), tilt[0], tilt[1]
+
+
+@kernel
+def factors_of(lane, par: Lanes):
+    """Return the arm's own factors (no unit) on the stiffnesses GJ, EI_y, EI as a `Vector`, from its parameters."""
+    return Vector(par[GJ_FACTOR], par[EI_Y_FACTOR], par[STIFFNESS_FACTOR])
+
+
+@kernel
+def section_at(lane, model, par: Lanes, i):
+    """Return the constants (`Section`) of element i, scaled by the arm's stiffness factors and tau_d in par."""
+    o, of, factors = E.end * i, model.sections, factors_of(lane, par)
+    tau = None if model.damped is None else par[TAU_D] * of[o + E.damping]
+    _, about_y, about_z = factors
+    # C* = 1 / (1/C + bow / factor): shear along y in series with residual bending about z, and vice versa
+    along_y = about_z / (about_z * of[o + E.shear] + of[o + E.bow])
+    along_z = about_y / (about_y * of[o + E.shear + 1] + of[o + E.bow + 1])
+    stretch = Vector(of[o + E.EA], along_y, along_z)
+    EI, rest = scale(three_of(lane, of, o + E.EI), factors), three_of(lane, of, o + E.rest)
+    return Section(of[o + E.length], stretch, EI, rest, uneven_of(lane, model, i), tau)

@@ -16,17 +16,10 @@ from ...compiler import Lanes, kernel, load_lane, traced
 from ..arithmetic import store_vector
 from ..layout import ROTOR
 from ..model import TAU_D
-from .chain import fill_zeros, has_lever, three_of
+from .chain import fill_zeros, has_lever
 from .element import add_block
 from .layout import AXES, B, F, H, J, before, factor_at, hinge_at, joint_row
-from .rotations import (
-    Matrix,
-    cross,
-    dot,
-    load_vector,
-    skew,
-    store_matrix,
-)
+from .rotations import Matrix, cross, dot, load_vector, skew, store_matrix, three_of
 
 
 @kernel

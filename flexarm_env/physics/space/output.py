@@ -7,12 +7,12 @@ from ..arithmetic import store_vector, store_where
 from ..layout import SPACE_POSE as SP
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS
 from ..protocol import State
-from .chain import body_sums, joint_placement, place_at, section_at, three_of
-from .element import Place, element_damping, middle, middle_of, scale
+from .chain import body_sums, joint_placement, place_at
+from .element import Place, element_damping, middle, middle_of
 from .frame import frame_of
 from .framed import frame_damping, frame_damping_over, frame_sums
 from .inner import elements_before
-from .layout import AXES, E, G, J, L, P, count_of, joint_row, vertex_row
+from .layout import E, G, J, P, count_of, joint_row, section_at, vertex_row
 from .moving import vertices_of
 from .rotations import (
     Vector,
@@ -23,7 +23,9 @@ from .rotations import (
     load_vector,
     matrix,
     rotation_vector,
+    scale,
     shortest_rotation,
+    three_of,
     turn_of,
 )
 from .strained import last_place, point_of, strained_damping, strained_sums
@@ -62,13 +64,12 @@ def restore_chords(lane, model, start, q):
 def _element_sums(lane, model, par, left, right, element):
     """Return ((kinetic, strain, gravitational) energy in J, momentum in kg m/s, inertial axes) of an exact element.
 
-    left, right: `Place` (position, rotation, rates) of each end. element: index over all links. See docs/theory.md,
-    (9.2)."""
+    left, right: `Place` (position, rotation, rates) of each end. element: index over all links. See theory, (9.2)."""
     # inlined: each step of a free arm needs the momentum alone, and unused energies are then not compiled
     section = section_at(lane, model, par, element)
     gamma, bent = middle(section, left, right)[0]
     stretch = dot(gamma, scale(gamma, section.stretch)) * section.length
-    strain = (stretch + dot(bent, scale(bent, section.bend)) / section.length) * 0.5
+    strain = (stretch + dot(bent, scale(bent, section.EI)) / section.length) * 0.5
     # Simpson's rule: 4/6 m at the middle, m and J (section axes) at the ends
     masses, gravity = three_of(lane, model.sections, E.end * element + E.mass), 0.0
     r, rate = middle_of(section.length, left, right)
@@ -166,7 +167,7 @@ def damping_power(lane, model, par, q, v, x, since=None):
                 stretch, bend = middle(section, tip_v, right_v)[2]
                 by_stretch, by_bend = middle(section, tip_x, right_x)[2]
                 power = dot(by_stretch, scale(stretch, section.stretch)) * section.length
-                power = power + dot(by_bend, scale(bend, section.bend)) / section.length
+                power = power + dot(by_bend, scale(bend, section.EI)) / section.length
             else:
                 power = frame_damping(lane, model, par, at, tip_v, right_v, tip_x, right_x, first + e)
             total = total + power * section.tau
@@ -220,22 +221,16 @@ def root_of(lane, model, q, v, k, tip):
 
 
 @kernel
-def _section_of(lane, model, q, link, at_tip):
-    """Return the `Place`, without rates, of a link's last section if at_tip, otherwise of the link's first section."""
-    tip = place_at(lane, q, q, 0)
+def section_of_end(lane, model, q, v, link, at_tip):
+    """Return the `Place` of a link's last section if at_tip, otherwise of its first section. For v see `place_at`."""
+    tip = place_at(lane, q, v, 0)
     root = tip
     for k in range(link + 1):
-        root = root_of(lane, model, q, q, k, tip)
-        tip = last_section(lane, model, q, q, k, root)
+        root = root_of(lane, model, q, v, k, tip)
+        tip = last_section(lane, model, q, v, k, root)
     if at_tip:
         root = tip
     return root
-
-
-@kernel
-def _loaded(lane, model, q, f):
-    """Return the `Place`, without rates, of the section on which point load f acts."""
-    return _section_of(lane, model, q, int(model.loads[L.end * f + L.link]), model.loads[L.end * f + L.at_tip] != 0.0)
 
 
 @kernel
@@ -254,7 +249,7 @@ def strain_gauge(lane, model, q, row):
     """Return a gauge's reading (1/m): weighted end rotations of two elements, minus the stress-free reading."""
     k, e, axis = int(row[G.link]), int(row[G.element]), int(row[G.axis])
     total = -row[G.rest]
-    left = _section_of(lane, model, q, k, False) if e == 0 else place_at(lane, q, q, vertex_row(model, k, e - 1))
+    left = section_of_end(lane, model, q, q, k, False) if e == 0 else place_at(lane, q, q, vertex_row(model, k, e - 1))
     for j in range(min(2, count_of(model, k) - e)):
         right = place_at(lane, q, q, vertex_row(model, k, e + j))
         a, b = _bent_ends(model, left, right)
@@ -262,28 +257,6 @@ def strain_gauge(lane, model, q, row):
         total = total + a[axis] * row[o] + b[axis] * row[o + 1]
         left = right
     return total
-
-
-@kernel
-def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
-    """Store in y the joint angles (rad), then the position (m) and rotation vector (rad) of each load, inertial axes.
-
-    If since = (start, y0), each rotation vector is that in y0 plus the rotation since the coordinates `start` about
-    inertial axes; moments do work on it. If since is None, the vector is the rotation vector of the section's rotation
-    matrix."""
-    for k in range(model.links):
-        y[k] = q[joint_row(model, k)]
-    if model.loads is not None:
-        for f in range(model.loads.shape[0] // L.end):
-            # y of the loaded point r + A lever (inertial axes), on which a force does work
-            place, j = _loaded(lane, model, q, f), model.links + AXES * f
-            lever = three_of(lane, model.loads, L.end * f + L.lever)
-            store_vector(lane, y, j, place.r + matrix(place.p) @ lever)
-            store_vector(lane, y, j + 3, rotation_vector(shortest_rotation(place.p)))
-            if since is not None:
-                before = _loaded(lane, model, since[0], f)
-                turn = rotation_vector(shortest_rotation(compose(place.p, inverse_rotation(before.p))))
-                store_vector(lane, y, j + 3, load_vector(lane, since[1], j + 3) + turn)
 
 
 @kernel
@@ -389,12 +362,11 @@ STATIONS = 4
 
 
 @kernel
-def _drawn(points, count, r):
-    """Store the position r (m) in row `count` of points (P, 3) if there is room; return the new number of points."""
+def _drawn(lane, points, count, r):
+    """Store the position r (m) in row `count` of points if there is room; return the new number of points."""
     if count == points.shape[0]:
         return count
-    for d in range(3):
-        points[count, d] = r[d]
+    store_vector(lane, points[count], 0, r)
     return count + 1
 
 
@@ -411,39 +383,41 @@ def _cubic(left, right, s):
 
 
 @kernel
-def centerline(model, q, points):
-    """Store points of the centerline (m, inertial axes) in `points` (P, 3), from base to tip; return their number."""
+def centerline(lane, model, q, points):
+    """Store points of the centerline (m, inertial axes) in `points`, from base to tip; return their number.
+
+    points (P, lanes of 3 numbers); with less room nothing is written.
+    """
     # a planar arm's centerline is drawn by the planar formulation
-    if points.shape[1] < 3:
+    if points.shape[1] < 3 * len(lane):
         return 0
-    lane = (0,)
     tip = place_at(lane, q, q, 0)
-    count = _drawn(points, 0, tip.r)
+    count = _drawn(lane, points, 0, tip.r)
     for k in range(model.links):
         root = root_of(lane, model, q, q, k, tip)
-        count = _draw(model, k, q, root, points, _drawn(points, count, root.r))
+        count = _draw(lane, model, k, q, root, points, _drawn(lane, points, count, root.r))
         tip = last_section(lane, model, q, q, k, root)
         A = matrix(tip.p)
         along = _tip_lever(model, k) * A.T[0]
         if count_of(model, k) == 0:
             for j in range(1, STATIONS):
-                count = _drawn(points, count, tip.r + j / STATIONS * along)
-        count = _drawn(points, count, tip.r + along)
+                count = _drawn(lane, points, count, tip.r + j / STATIONS * along)
+        count = _drawn(lane, points, count, tip.r + along)
     return count
 
 
 @kernel
-def _draw(model, k, q, root, points, count):
+def _draw(lane, model, k, q, root, points, count):
     """Store STATIONS points per element of link k, or its Gauss points if q has strains; return the new count."""
     if model.strains is not None:
         if count_of(model, k) > 0:
             for j in range(len(model.points)):
-                count = _drawn(points, count, point_of(model, k, j, q, root))
+                count = _drawn(lane, points, count, point_of(lane, model, k, j, q, root))
         return count
     left = root
     for e in range(count_of(model, k)):
-        right = place_at((0,), q, q, vertex_row(model, k, e))
+        right = place_at(lane, q, q, vertex_row(model, k, e))
         for j in range(1, STATIONS + 1):
-            count = _drawn(points, count, _cubic(left, right, j / STATIONS))
+            count = _drawn(lane, points, count, _cubic(left, right, j / STATIONS))
         left = right
     return count

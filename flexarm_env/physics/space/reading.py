@@ -106,8 +106,14 @@ def shapes(found: Sequence[LinkMotion]) -> Array:
     return np.stack([found[0].root.r, *behind], axis=1)
 
 
+def velocities(found: Sequence[LinkMotion]) -> Array:
+    """Return (n, P, 3): velocities (m/s, inertial axes) of the points of `shapes`."""
+    behind = [frame.v for motion in found for frame in (*motion.sections, motion.tip)]
+    return np.stack([found[0].root.v, *behind], axis=1)
+
+
 def read(arm: Arm, settings: Settings, q: Array, v: Array) -> dict[str, Any]:
-    """Return the fields of a `SpatialTrajectory` from states q, v (n, rows), as keyword arguments."""
+    """Return the fields of a `Trajectory` in space from states q, v (n, rows), as keyword arguments."""
     found = list(links(arm, settings, q, v))
     n, N = len(q), arm.n_links
     deflection, twist = np.zeros((n, N, 2)), np.zeros((n, N))

@@ -114,6 +114,18 @@ def load_vector(lane, array: Lanes, k):
 
 
 @kernel
+def three_of(lane, array, k):
+    """Return entries k, k + 1, k + 2 of a model array as a `Vector`; the vector is the same in all lanes."""
+    return Vector(array[k], array[k + 1], array[k + 2])
+
+
+@kernel
+def nine_of(lane, array, k):
+    """Return nine entries of a model array from k on, stored by rows, as a `Matrix` that is the same in all lanes."""
+    return Matrix(three_of(lane, array, k), three_of(lane, array, k + 3), three_of(lane, array, k + 6))
+
+
+@kernel
 def store_matrix(lane, array, k, A):
     """Store the matrix A row by row: array[k : k + 9] <- A."""
     store_vector(lane, array, k, A[0])
@@ -132,6 +144,12 @@ def add_vector(lane, array: Lanes, k, a):
 def dot(a, b):
     """Return the scalar product a . b of two vectors in the same axes."""
     return (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]
+
+
+@kernel
+def scale(a, d):
+    """Return the vector with the components a_i d_i of two vectors a and d."""
+    return Vector(a[0] * d[0], a[1] * d[1], a[2] * d[2])
 
 
 @kernel

@@ -17,11 +17,13 @@ from numpy.typing import NDArray
 
 from ... import curves
 from ... import validation as check
+from ...compiler import kernel
+from ...layout import Field, Layout
 from ...parameters import Link, Section, Taper
 from ...settings import Settings
 from ..floating.beam_element import BENDING, Element, coupling_matrix, mesh
 from ..floating.reduction import MESH, pinned_modes
-from .layout import FRAME, WEIGHT, points_for
+from .layout import inner_of
 
 Array = NDArray[np.float64]
 
@@ -31,6 +33,78 @@ ENDS = [2, 5]
 LEAST_ROTARY = 1e-8
 """Lower bound of rotary inertia divided by m l^2. It applies to a segment about its axis and to an exact element about
 any axis. The bound is needed because the ends' rotations are independent coordinates."""
+
+POINTS = 4
+"""Number of Gauss points for the mass of a segment without inner modes."""
+
+WEIGHT = Layout(
+    "Weight", "inner",
+    Field("xi", (), "", "position along the chord, from 0 (left) to 1 (right)"),
+    Field("mass", (), "kg", "mass of the Gauss point"),
+    Field("left", (3,), "m", "h along y, z: the point is h (phi x e_x) off the chord; phi: rotation of the left end"),
+    Field("right", (3,), "m", "h along y, z for the rotation of the right end, as in `left`"),
+    Field("inner", ("inner", 3), "m", "h along y, z for the amplitudes of each inner mode"),
+)  # fmt: skip
+
+FRAME = Layout(
+    "SpatialFrame", "inner, points",
+    Field("length", (), "m", "reference length l of the segment"),
+    Field("pull", (), "N/m", "EA / l, stiffness of the chord for stretch"),
+    Field("K_EI", (3, 3), "N m",
+          "stiffness K about x, y, z for the rotations phi: blocks (left, left), (left, right), (right, right)"),
+    Field("coupling", (3, 3), "m", "coupling H of stretch with bending (theory 1.2), blocks as in `K_EI`"),
+    Field("moment", (2, 3), "N m", "moments K phi_0 of the stress-free rotations phi_0 about x, y, z: left, right"),
+    Field("spent", (), "J", "phi_0^T K phi_0 / 2, the energy of the stress-free rotations phi_0"),
+    Field("rotary", (6, 3), "kg m^2",
+          "rotary inertia about x, y, z: (l, l), (l, r), (r, r), (l, frame), (r, frame), (frame, frame)"),
+    Field("mass", (3,), "kg", "mass matrix of the ends' positions: (left, left), (left, right), (right, right)"),
+    Field("near", (2, 3), "kg m",
+          "int m (1 - xi) h: coupling of the left position with the left and the right rotation, h of `WEIGHT`"),
+    Field("far", (2, 3), "kg m", "int m xi h: coupling of the right position with left and right rotation"),
+    Field("lateral", (3, 3), "kg m^2",
+          "int m h h of rotations about x, y, z: (left, left), (left, right), (right, right)"),
+    Field("points", ("points", WEIGHT.length), "", "Gauss points of the mass, a `WEIGHT` each"),
+    Field("inner_K_EI", ("inner", "inner", 3), "N m",
+          "stiffness of the inner modes about x, y, z; inner modes do not couple with the ends' rotations"),
+    Field("inner_coupling", ("inner", "inner + 2", 3), "m",
+          "coupling H of each inner mode with left, right, inner modes"),
+    Field("inner_lateral", ("inner", "inner + 2", 3), "kg m^2",
+          "int m h h of each inner mode with left, right, inner modes"),
+    Field("inner_rotary", ("inner", "inner + 3", 3), "kg m^2",
+          "rotary inertia of each inner mode with left, right, frame, inner modes"),
+    Field("inner_near", ("inner", 3), "kg m", "int m (1 - xi) h of each inner mode"),
+    Field("inner_far", ("inner", 3), "kg m", "integral of m xi h for each inner mode"),
+    Field("inner_moment", ("inner", 3), "N m", "stiffness times stress-free amplitudes, about x, y, z"),
+    Field("roll", ("inner + 2", "inner + 2", 3), "kg m^2",
+          "int m h_i h_j across planes (left, right, inner): [1] h_i on y, h_j on z; [2] reverse"),
+)  # fmt: skip
+
+W = WEIGHT.offsets(0, 0)
+_frame_at, _weight_at = kernel(FRAME.offsets), kernel(WEIGHT.offsets)
+
+
+def points_for(inner: int) -> int:
+    """Return the number of Gauss points for the mass of a segment with `inner` inner modes."""
+    return POINTS + 2 * inner
+
+
+@kernel
+def points_of(model: Any) -> Any:
+    """Return the number of Gauss points for the mass of each segment of the model."""
+    return POINTS + 2 * inner_of(model)
+
+
+@kernel
+def frame_at(model: Any, i: Any) -> Any:
+    """Return the offsets, in model.frames, of the fields of the `FRAME` record of segment i, counted over all links."""
+    inner, points = inner_of(model), points_of(model)
+    return _frame_at(i * _frame_at(0, inner, points).end, inner, points)
+
+
+@kernel
+def weight_end(model: Any) -> Any:
+    """Return the length of one `WEIGHT` record in model.frames, in float64 entries."""
+    return _weight_at(0, inner_of(model)).end
 
 
 def refuse(settings: Settings) -> None:
@@ -189,10 +263,10 @@ def _frame(link: Link, plane: Element, across: Element, start: float, modes: int
     if link.curved:
         w[:] = np.linalg.solve(K[..., 2], moments[:, 2])
     packed = FRAME.pack(
-        {"inner": inner, "points": len(rows)}, length=l, pull=plane.section.EA / l, bend=K[:2, :2][_UPPER],
+        {"inner": inner, "points": len(rows)}, length=l, pull=plane.section.EA / l, K_EI=K[:2, :2][_UPPER],
         coupling=H[:2, :2][_UPPER], moment=moments[:2], spent=0.5 * moments[:, 2] @ w,
         rotary=[*rotary[:2, :2][_UPPER], *rotary[:2, n], rotary[n, n]], mass=mass, near=near[:2], far=far[:2],
-        lateral=lateral[:2, :2][_UPPER], points=np.concatenate(rows), inner_bend=K[2:, 2:], inner_coupling=H[2:],
+        lateral=lateral[:2, :2][_UPPER], points=np.concatenate(rows), inner_K_EI=K[2:, 2:], inner_coupling=H[2:],
         inner_lateral=lateral[2:], inner_rotary=rotary[2:n, order], inner_near=near[2:], inner_far=far[2:],
         inner_moment=moments[2:], roll=np.stack([0.0 * both_planes, both_planes.T, both_planes], axis=-1),
     )  # fmt: skip

@@ -18,10 +18,10 @@ from ...compiler import kernel, max_over_lanes, select_lt
 from ..arithmetic import store_vector
 from ..integrator.newton import follow_displacement, move_prediction
 from ..integrator.work import accumulated_increment, copy_rows
-from .chain import has_lever, joint_placement, place_at, section_at, three_of
+from .chain import has_lever, joint_placement, place_at
 from .element import Place, arc_of, bow_of, mean, middle
 from .inner import elements_before
-from .layout import F, H, J, count_of, factor_at, hinge_at, joint_row, vertex_row
+from .layout import F, H, J, count_of, factor_at, hinge_at, joint_row, section_at, vertex_row
 from .matrix import joint_motion_of_root, matrix_in
 from .output import restore_chords
 from .rotations import (
@@ -33,6 +33,7 @@ from .rotations import (
     load_vector,
     matrix,
     shortest_rotation,
+    three_of,
     turn_of,
 )
 

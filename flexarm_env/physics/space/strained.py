@@ -22,9 +22,9 @@ from ...compiler import Lanes, inlined, kernel, size, square_root, stack
 from ..arithmetic import store_vector
 from ..model import TAU_D
 from ..protocol import added
-from .chain import Vertex, factors_of, three_of
-from .element import Place, scale
-from .layout import AXES, joint_row
+from .chain import Vertex
+from .element import Place
+from .layout import AXES, factors_of, joint_row
 from .matrix import matrix_in
 from .moving import move_vertex, store_increment
 from .rotations import (
@@ -36,7 +36,9 @@ from .rotations import (
     load_vector,
     matrix,
     polynomial,
+    scale,
     store_matrix,
+    three_of,
 )
 from .strained_layout import noted_at, strained_at
 
@@ -266,7 +268,7 @@ def elastic(lane, model, par: Lanes, k, state, r):
     """Add the elastic and damping forces of link k's strains, minus the inertia correction for time steps, to r.
 
     r <- r + factors K (q + tau v) - correction a (N m), in the rows of the link's strains. K and correction are the
-    matrices `STRAINED.stiffness` and `correction` of the link's polynomials.
+    matrices `STRAINED.K_EI` and `correction` of the link's polynomials.
     factors: the arm's factors on GJ, EI_y, EI.
     tau: tau_d times the link's share (s). See docs/theory.md, (9.4).
     """
@@ -280,7 +282,7 @@ def elastic(lane, model, par: Lanes, k, state, r):
             if model.damped is not None:
                 # K (c + tau_d c'): damping by the strain rates
                 x = x + tau * load_vector(lane, state.v, row + 3 * j)
-            total = total + scale(x, _three(lane, model, at.stiffness, i, j))
+            total = total + scale(x, _three(lane, model, at.K_EI, i, j))
         total = scale(total, factors)
         for j in range(n):
             a = load_vector(lane, state.a, row + 3 * j)
@@ -304,7 +306,7 @@ def _three(lane, model, table, i, j):
 @kernel
 def stiff_of(lane, model, par, k, i, j):
     """Return stiffnesses K_ij (N m) of polynomials i, j for torsion, bending about y, z, times the arm's factors."""
-    return scale(_three(lane, model, strained_at(model, k).stiffness, i, j), factors_of(lane, par))
+    return scale(_three(lane, model, strained_at(model, k).K_EI, i, j), factors_of(lane, par))
 
 
 @kernel
@@ -387,9 +389,9 @@ def strained_sums(lane, model, par, k, q, v, root):
 
 
 @kernel
-def point_of(model, k, i, q, root):
-    """Return the position (m, inertial axes) of Gauss point i of link k in one lane. root: `Place` of its root."""
-    lane, n, at, row = (0,), len(model.points), strained_at(model, k), strain_row(model, k)
+def point_of(lane, model, k, i, q, root):
+    """Return the position (m, inertial axes) of Gauss point i of link k. root: `Place` of the link's root."""
+    n, at, row = len(model.points), strained_at(model, k), strain_row(model, k)
     p, r = identity_rotation(lane), Vector(0.0, 0.0, 0.0)
     for j in range(n):
         p = turned_by(bend_of(lane, model, at, j, row, q, None, None), p)

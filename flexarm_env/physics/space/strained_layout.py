@@ -15,7 +15,7 @@ STRAINED = Layout(
           "weights w: the position of each point, and of the end, is the sum of w t over the tangents t"),
     Field("mass", ("points",), "kg", "mass of each Gauss point"),
     Field("inertia", ("points", 3), "kg m^2", "rotary inertia of each point about section axes x, y, z"),
-    Field("stiffness", (3, "polynomials", "polynomials"), "N m", "stiffness K for torsion, bending about y, about z"),
+    Field("K_EI", (3, "polynomials", "polynomials"), "N m", "stiffness K for torsion, bending about y, about z"),
     Field("correction", (3, "polynomials", "polynomials"), "kg m^2",
           "inertia that time steps subtract (theory 5.3) for torsion, bending about y, about z"),
     Field("damping", (), "", "the link's Kelvin-Voigt time constant divided by the arm's largest"),

@@ -15,18 +15,11 @@ from __future__ import annotations
 from ...compiler import Lanes, kernel, size
 from ..arithmetic import store_vector
 from ..model import TAU_D
-from .chain import fill_zeros, three_of
-from .element import add_block, scale
+from .chain import fill_zeros
+from .element import add_block
 from .layout import F
 from .matrix import matrix_in
-from .rotations import (
-    Vector,
-    cross,
-    dot,
-    load_vector,
-    skew,
-    store_matrix,
-)
+from .rotations import Vector, cross, dot, load_vector, scale, skew, store_matrix, three_of
 from .strained import correction_of, noted_tangent, slope_of_slope, stiff_of
 from .strained_layout import noted_at, strained_at
 
