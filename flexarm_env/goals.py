@@ -34,8 +34,8 @@ class GoalObservation(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     | `desired_goal` | (d,) | position of the target divided by L |
 
     d is 2 in the plane and 3 in space. The reward is 1 in each control period that ends with the tip within `tolerance`
-    of the target, otherwise 0. A failure ends the episode, so it ends the rewards, too. Goals are exact positions, even
-    if the environment has sensors. `info` remains the environment's.
+    of the target, otherwise 0. A failure ends the episode, so no further rewards follow. Goals are exact positions,
+    even if the environment has sensors. `info` remains the environment's.
 
     Args:
         env: single environment of this package with task="reach".
