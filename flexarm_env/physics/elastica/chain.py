@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -234,7 +234,7 @@ _data_at = kernel(DATA.offsets)
 
 
 @kernel
-def constants(model):
+def constants(model: Any) -> Any:
     """Return the offset in model.data of each field of DATA. The last field, `points`, may have any length."""
     return _data_at(0, size(model.links), size(model.nodes), 0)
 

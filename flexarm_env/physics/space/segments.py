@@ -89,20 +89,20 @@ def points_for(inner: int) -> int:
 
 
 @kernel
-def points_of(model):
+def points_of(model: Any) -> Any:
     """Return the number of Gauss points for the mass of each segment of the model."""
     return POINTS + 2 * inner_of(model)
 
 
 @kernel
-def frame_at(model, i):
+def frame_at(model: Any, i: Any) -> Any:
     """Return the offsets, in model.frames, of the fields of the `FRAME` record of segment i, counted over all links."""
     inner, points = inner_of(model), points_of(model)
     return _frame_at(i * _frame_at(0, inner, points).end, inner, points)
 
 
 @kernel
-def weight_end(model):
+def weight_end(model: Any) -> Any:
     """Return the length of one `WEIGHT` record in model.frames, in float64 entries."""
     return _weight_at(0, inner_of(model)).end
 
