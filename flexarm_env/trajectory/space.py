@@ -43,7 +43,7 @@ class SpatialTrajectory(Trajectory):
             damping.
         q, v (n, rows): the solver's coordinates (positions, rotation vectors and joint angles) and their time
             derivatives. For a rotation, v contains the angular velocity in the section's own axes, rad/s. If the motion
-            was computed in a plane (`scene.plane.in_plane`), q and v are those of the planar run.
+            was computed in a plane (`scene.plane.in_plane`), q and v are the coordinates and rates of the planar run.
     """
 
     tip_rotation: Array = field(default_factory=lambda: np.zeros((0, 4)))
