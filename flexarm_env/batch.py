@@ -113,11 +113,12 @@ class Batch:
         left: tip error due to mesh and step, divided by the arm's length; inf if unknown. starting: True to compile the
             starts of episodes.
     Attributes:
-        action (n, A) float32: input of `step`. observation (n, O) float32, reward (n,), terminated, truncated (n,):
-            results of the last step or start. table: entries of info, one row each, one column per arm (and spare
-            columns). sheet: the table with its views. info_at: row of each entry of `INFO`. request: values requested
-            for the next start, a `REQUEST` (NaN: drawn at random). address: address of the program's memory for
-            compiled functions.
+        action (n, A) float32: actions of all arms, which the caller writes before `step`.
+        observation (n, O) float32, reward (n,), terminated, truncated (n,): results of the last step or start.
+        table: entries of info. Each entry has one or more rows; each arm has one column. Spare columns follow.
+        sheet: the `Sheet` that owns the memory of `table` and stores the views of `table` that callers get.
+        info_at: row in `table` at which each entry of `INFO` starts. request: values for the next start, in the layout
+            `REQUEST`; NaN: drawn at random. address: memory address of `program`, an argument of compiled functions.
     """
 
     def __init__(

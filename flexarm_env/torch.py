@@ -38,8 +38,8 @@ class DifferentiableArms:
         id: id of an environment of this package. n: number of arms. keywords: keywords of the environment and its
             solver. threads, parameters: as in `flexarm_env.derivatives.Arms`.
     Attributes:
-        arms: the `Arms`, with names and sizes of states. n: number of arms. observation_space, action_space: Gymnasium
-            spaces of one arm.
+        arms: the underlying `Arms` object, with names and sizes of states. n: number of arms. observation_space,
+            action_space: Gymnasium spaces of one arm.
         failed (n,) bool: True for arms whose solver failed in the last `step`; the results of these arms are NaN.
         past (n,) bool: True for arms with a joint beyond its limits; the environment would end the episode.
     Raises:

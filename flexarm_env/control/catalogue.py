@@ -105,11 +105,11 @@ TUNED_ON = "strip"
 def for_arm(gains: LQRGains, setup: Setup) -> LQRGains:
     """Adapt the LQR weights of joint rates, which were tuned on the one-link arm `TUNED_ON`, to another one-link arm.
 
-    The weights refer to rates divided by the first flexible frequency. For each arm, this frequency is multiplied by
-    the duration of the fastest quarter turn. The weights are scaled by the ratio of the product for the new arm to the
-    product for `TUNED_ON`, so that their effect in a slew is equal.
+    The weights refer to rates divided by the first flexible frequency. Let p be the product of an arm's first flexible
+    frequency and the duration of the arm's fastest quarter turn. The weights are multiplied by p of the new arm and
+    divided by p of `TUNED_ON`. The weights then have the same effect in a slew of either arm.
     """
-    # ratio of (first flexible frequency x quarter-turn time) to that of the tuning arm
+    # p of the new arm divided by p of `TUNED_ON`; p: first flexible frequency times quarter-turn time
     share = _tempo(setup.arm) / _tempo(arms.named(TUNED_ON))
     share = float(f"{share:.3g}")  # 1.0 for the arm itself
     return dataclasses.replace(gains, rate=share * gains.rate, bend_rate=share * gains.bend_rate)

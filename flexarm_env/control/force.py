@@ -86,9 +86,9 @@ class View(NamedTuple):
         to_target (n, 2): vectors from tip to target, m.
         velocity (n, 2): velocities of the target, m/s.
         target (n, 2): positions of the target, m from the root.
-        along, normal (n, 2): unit vectors of the path, and of the wall's normal away from the root.
+        along, normal (n, 2): unit vectors along the path, and along the wall's normal that points away from the root.
         commanded, force (n,): commanded and measured normal force, N.
-        near, share (n,): progress of the approach, and of the rise of the force, 0 to 1.
+        near, share (n,): progress of the approach, and progress of the force's rise, each from 0 to 1.
         touching (n,): 1 if the commanded force has its full value (`share` 1), otherwise 0.
     """
 

@@ -258,7 +258,7 @@ class LQG(Controller):
     The term f compensates for the Coulomb friction of the estimated motion.
 
     Attributes:
-        z (n, s): estimates relative to each arm's goal (see `Design`).
+        z (n, s): estimates of the state z of `Design` for n arms, relative to each arm's goal.
     """
 
     needs_goals = True

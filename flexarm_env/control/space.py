@@ -1,4 +1,4 @@
-"""Base class of controllers of arms in space, static equilibria of the arm, and linear models about equilibria."""
+"""A base class of controllers in space; functions that compute static equilibria and linear models about equilibria."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -24,7 +24,7 @@ class Memory:
     Attributes:
         chosen: array (E,), indices of the observed entries.
         size: length O of an observation.
-        moving: X plus the number of stored entries.
+        moving: X plus the number of stored entries of previous observations.
         frames: number of observations stored in a state; 0 if no observation needs to be stored.
     """
 

@@ -71,8 +71,8 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
             Entries apply to equal numbers of arms (with differences of at most one), in the order of the arms.
         keywords: keywords of the environment and of the vector environment (`autoreset_mode`, `threads`).
     Attributes:
-        parts: the native vector environments, one for each entry of `lengths`. lengths: as in the arguments. plan: plan
-            of the first part.
+        parts: the native vector environments, one for each entry of `lengths`. lengths: the argument `lengths`. plan:
+            the attribute `plan` of the first vector environment.
     Raises:
         ValueError: there are fewer arms than lengths, a length is not positive, or the environment rejects a keyword.
     """

@@ -169,8 +169,8 @@ class Guide:
         gauges: link and place of each strain gauge. gauge_scales: scale of each gauge, 1/m.
     Attributes:
         limit: number of control periods until the motion ends. moved: True if the last period was completed. free (N,):
-            True for joints that neither a motion nor a load of the scene drives. simulation: the `Simulation` of the
-            arm; it has the program's state. block: memory of the arm in the program (`tasks.program.Block`).
+            True for joints that neither a motion nor a load of the scene drives. simulation: `Simulation` of the arm,
+            with the state of the compiled program. block: the arm's memory in the program (`tasks.program.Block`).
     """
 
     _home: Any = None

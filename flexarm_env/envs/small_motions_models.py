@@ -28,11 +28,11 @@ class SmallMotions:
     """Linear models of small motions of an arm in the plane.
 
     Attributes:
-        bend: reference angle, rad, in the factor G = 1 + (theta / bend)^3 (`Judge.gain`). kept: the default settings
-            are used if their error, divided by the arm's length, is at most this value. ladder: two angles theta, rad;
-            above the first the search for a mesh begins with the second mesh, above the second with the third mesh.
-            trials: largest number of settings that are tested in trial episodes. lanes: number of trial episodes of the
-            nominal arm.
+        bend: reference angle, rad, in the factor G = 1 + (theta / bend)^3 (`Judge.gain`). kept: largest error of the
+            default settings, divided by the arm's length, with which the default settings are used. ladder: two angles,
+            rad. If theta exceeds the first angle, the search for a mesh begins with the second mesh. If theta exceeds
+            the second angle, the search begins with the third mesh. trials: largest number of settings that are tested
+            in trial episodes. lanes: number of trial episodes of the nominal arm.
     """
 
     bend, kept, ladder, trials, lanes = 0.55, 5e-3, (1.6, 3.0), 6, 16

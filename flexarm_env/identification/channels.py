@@ -36,8 +36,8 @@ class Deviation:
     """Estimated error in the config's description of a column of the log.
 
     Attributes:
-        value: the estimated deviation, as a relative error or in s. half: half width of its 95 % confidence interval.
-            least: smallest deviation that is reported, in the same unit.
+        value: the estimated deviation, as a relative error or in s. half: half width of the deviation's 95 % confidence
+            interval. least: smallest deviation that is reported, in the same unit.
         sentence: sentence that describes the deviation with numbers. remedy: advice to the user.
     """
 

@@ -47,9 +47,9 @@ class Resolved:
 
     Attributes:
         problem: the least-squares problem with the final step and mesh. shifts: dict with the remaining shifts (p,) for
-            the keys "step" and "mesh", scaled as z (see the module's docstring). fit: the fit; its z (p,) includes the
-            remaining shifts. uncertainty: confidence intervals, widened for the remaining shifts. coarse: names of the
-            parameters whose remaining shift exceeds the half width of their interval.
+            the keys "step" and "mesh", scaled as z (see the module's docstring). fit: the fit, whose z (p,) includes
+            the remaining shifts. uncertainty: confidence intervals, widened for the remaining shifts. coarse: names of
+            the parameters whose remaining shift exceeds the half width of their interval.
     """
 
     problem: Problem

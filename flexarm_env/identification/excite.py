@@ -46,10 +46,10 @@ class Excitation:
 
     Attributes:
         t (n,): instants, s, evenly spaced. torques (n, N): joint torques, N m, each constant until the next instant.
-        band: lowest and highest excited frequency, rad/s. modes (M,): natural frequencies, rad/s, of the arm with free
-            joints, as far as they lie in the band.
+        band: lowest and highest excited frequency, rad/s. modes (M,): natural frequencies of the arm with free joints
+            that lie in the band, rad/s.
         angle: largest joint rotation from the initial angle, rad, of the arm and of the arms with perturbed parameters.
-            deflection: largest tip deflection of a link of these arms, divided by the link's length.
+            deflection: largest tip deflection of a link in any of these arms, divided by the link's length.
     """
 
     t: Array

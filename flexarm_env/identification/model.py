@@ -50,8 +50,8 @@ class Experiment:
     Attributes:
         parameters (p,): the requested parameters, then the initial angles. start (p,): initial parameters.
         runs: number of simulations. refinements: number of times that the config's time step was halved ("step") and
-            that its mesh was refined ("mesh"). by_differences: by parameter, the reason why its derivative is a finite
-            difference between simulations.
+            that the mesh was refined ("mesh"). by_differences: for each parameter whose derivative is a finite
+            difference between simulations, the reason.
     """
 
     def __init__(self, arm: Arm, config: Config, parameters: Sequence[Parameter], logs: Sequence[str] = ()) -> None:

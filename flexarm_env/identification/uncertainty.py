@@ -49,7 +49,7 @@ class Uncertainty:
         half (p,): half widths of the 95 % intervals, in the parameters' units. correlation (p, p): correlation matrix
             of the parameters.
         condition: condition number of the residuals' derivatives by z (`fit.Problem`). at_bound: names of the
-            parameters whose fitted value is at a bound; their interval is nan.
+            parameters whose fitted value is at a bound; the intervals of these parameters are nan.
         unidentifiable: names of the parameters that the logs do not determine. directions: simultaneous changes of
             several parameters that hardly change the residuals. identifiable: for each direction, the combination of
             the same parameters with the smallest uncertainty.

@@ -42,8 +42,8 @@ class ArmAtPoint:
     """Compute the `LinearModel` of a simulation about its present state.
 
     Attributes:
-        names: names of the coordinates. inputs, x, u, rate, A, B: as in the continuous `LinearModel`. still: mass,
-            damping and stiffness matrices of the coordinates that are not prescribed.
+        names: names of the coordinates. inputs, x, u, rate, A, B: attributes of the continuous `LinearModel`. still:
+            mass, damping and stiffness matrices of the coordinates that are not prescribed.
     """
 
     def __init__(self, simulation: Simulation, stepping: bool, motions: bool) -> None:

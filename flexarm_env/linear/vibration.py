@@ -38,8 +38,8 @@ class Modes:
         growing: number of unstable modes among all modes, not only among the n lowest; 0 if the state is stable.
         whirl (n,): in space, the direction in which points circle the first joint's axis, in the frame that turns with
             the arm. The value is 1 for circles in the direction of a positive spin and -1 for circles in the opposite
-            direction. It is 0 for motion along a straight line, and between these values for ellipses. It is NaN if
-            points are at rest or move only along the axis. Empty in the plane.
+            direction. The value is 0 for motion along a straight line, and between 0 and 1 or -1 for ellipses. The
+            value is NaN if points are at rest or move only along the axis. In the plane the array is empty.
     """
 
     frequencies: Array

@@ -84,8 +84,8 @@ class Session:
             None. hold: torques of a held arm: "zero", or "angles" for PD control to the joint angles at the start of
             the hold. seed: seed of the environment's resets.
     Attributes:
-        row: time (s) and readings at the start of the last control period, and the torques applied in it. counts:
-            numbers of packets by `Refusal` or "accepted", "challenged", "busy" (from a second client), "missing".
+        row: time (s) and readings at the start of the last control period, and the torques of this period. counts:
+            numbers of packets by name of a `Refusal` or "accepted", "challenged", "busy" (second client), "missing".
         held: True if the arm is held until a command with the flag `ARM` arrives. reason: why the arm is held. peer:
             address of the client. status: 0.0 or a failure code. period: number of control periods so far. notice:
             message about a client of another protocol version.

@@ -40,8 +40,8 @@ class Results:
 
     Attributes:
         name: name of the method. run: training seed of the run, if the method has several runs.
-        tasks: a dict by task id. Its entries "returns", "successes", "costs", "lengths" and "settled" have one number
-            per episode (older files lack "settled"). "digest", "first_seed" and "episodes" identify the episodes.
+        tasks: for each task id, a dict of results. "returns", "successes", "costs", "lengths", "settled" have one
+            number per episode (older files lack "settled"). "digest", "first_seed", "episodes" identify the episodes.
             "wall_s", "cpu_s" and "decision_us" are computing times, as in `judge.Judged`. "policy" has the keys kind,
             source and fingerprint; "training" has algorithm, steps, wall_s and cpu_s, or is null. "pd" has the values
             of PD control in the same episodes. "second" has the results of the second 100 episodes

@@ -67,7 +67,7 @@ class Trajectory:
         shapes (n, points, 2), in space (n, points, 3): points along the arm's center line from root to tip, m.
         q, v (n, rows): the solver's coordinates and their time derivatives; names (rows,): names of the coordinates. In
             space v contains the angular velocity of a rotation in the section's own axes, rad/s. If the motion was
-            computed in a plane (`scene.plane.in_plane`), q and v are those of the planar run.
+            computed in a plane (`scene.plane.in_plane`), q and v are the coordinates and rates of the planar run.
         status: "ok", "inaccurate", or the name of the failure that ended the run. message: a sentence about the status.
         steps, iterations, factorizations, halvings: numbers of time steps, Newton iterations, factored matrices and
             halved steps. cpu_seconds: CPU time of the run's thread, s, without compilation.
