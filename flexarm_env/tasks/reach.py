@@ -89,39 +89,42 @@ def reach_observe(lane, task, poses: Lanes, record: Lanes, out):
 def reach_judge(lane, task, poses: Lanes, action, record: Lanes, live, info):
     """Write success, info and the reward terms of a tip that is brought to a point in the plane (`reward_point`).
 
-    error: distance of the tip to the target divided by the arm's length; speed: speed of the tip relative to the target
-    divided by that length, 1/s; shaking: sum of squares of deflection rates divided by the links' lengths, 1/s^2.
-    poses: positions, angles and rates of the links, inertial axes; action (joints, lanes), in [-1, 1]; info is written
-    for running arms (live > 1/2). Returns the reward, and 1.0 if a joint is beyond its limits, otherwise 0.0.
+    shaking: sum of squares of deflection rates divided by the links' lengths, 1/s^2. poses: positions, angles and rates
+    of the links, inertial axes; action (joints, lanes), in [-1, 1]; info is written for running arms (live > 1/2).
+    Returns the reward, and 1.0 if a joint is beyond its limits, otherwise 0.0.
     """
     n = size(task.links)
     shaking = record_deflections(lane, task, poses, live, info)
     o = POSE.end * (n - 1)
-    vx, vy = poses[o + POSE.tip_vx], poses[o + POSE.tip_vy]
-    # tip's way to the target and velocity relative to it, inertial axes
-    dx = record[TARGET] - poses[o + POSE.tip_x]
-    dy = record[TARGET + 1] - poses[o + POSE.tip_y]
-    vx, vy = vx - record[TARGET_RATE], vy - record[TARGET_RATE + 1]
-    error = square_root(dx * dx + dy * dy) / task.length
-    speed = square_root(vx * vx + vy * vy) / task.length
+    # tip's way to the target and velocity relative to it, inertial axes; in the plane z is a known zero
+    way = record[TARGET] - poses[o + POSE.tip_x], record[TARGET + 1] - poses[o + POSE.tip_y], 0.0
+    velocity = poses[o + POSE.tip_vx] - record[TARGET_RATE], poses[o + POSE.tip_vy] - record[TARGET_RATE + 1], 0.0
     record_tip(lane, task, poses, record, live, info)
-    total = reward_point(lane, task, error, speed, shaking, poses, action, record, live, info)
+    total = reward_point(lane, task, way, velocity, shaking, poses, action, record, live, info)
     return total, past_limits(lane, task, poses)
 
 
 @kernel
-def reward_point(lane, task, error, speed, shaking, poses, action, record, live, info):
-    """Return the reward for a tip at distance `error` from its target with relative `speed`, and record success.
+def _magnitude(a):
+    """Return the magnitude of a vector."""
+    return square_root((a[0] * a[0] + a[1] * a[1]) + a[2] * a[2])
+
+
+@kernel
+def reward_point(lane, task, way, velocity, shaking, poses, action, record, live, info):
+    """Return the reward for a tip that is brought to a point, in the plane or in space, and record success.
 
         accuracy exp(-(10 error)^2), settle exp(-(50 error)^2 - (10 speed)^2), distance by min(error, 1) (`left_of`),
         effort -sum action^2, vibration -min(shaking, 1), attitude of a floating base, change of actions
 
     In the total each term is multiplied by its weight. If task.paid is not None, settle is 1 / (1 + s^2) (`settled`). s
     is the sum of squares of error and speed (and of a floating base's attitude), each divided by its success band.
-    error: distance of the tip from the target divided by the arm's length. speed: relative speed of the tip divided by
-    the arm's length, 1/s. shaking: sum of squares of the deflection rates divided by the links' lengths, 1/s^2. Terms
-    are written into info for running arms (live > 1/2).
+    error: distance of the tip from the target divided by the arm's length. speed: speed of the tip relative to the
+    target, divided by the arm's length, 1/s. way, velocity (x, y, z): vector from the tip to the target, m, and the
+    tip's velocity relative to the target, m/s, in the same axes. shaking: sum of squares of the deflection rates
+    divided by the links' lengths, 1/s^2. Terms are written into info for running arms (live > 1/2).
     """
+    error, speed = _magnitude(way) / task.length, _magnitude(velocity) / task.length
     # success: |r - target| / L and speed / L (1/s) within their bands
     good = select_lt(error, task.bands[0], 1.0, 0.0)
     good = level(lane, task, poses, select_lt(speed, task.bands[1], good, 0.0))

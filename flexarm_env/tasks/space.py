@@ -2,7 +2,7 @@
 
 import math
 
-from ..compiler import Lanes, kernel, sincos, size, square_root
+from ..compiler import Lanes, kernel, sincos, size
 from ..physics.layout import SPACE_POSE
 from .program import GOAL, MOVING, PATH, TARGET, TARGET_RATE
 from .reach import reward_point
@@ -91,20 +91,15 @@ def space_observe(lane, task, poses: Lanes, record, out):
 def space_judge(lane, task, poses: Lanes, action, record: Lanes, live, info):
     """Write success, info and the reward terms of a tip that is brought to a point in space (`reach.reward_point`).
 
-    error: distance of the tip to the target divided by the arm's length; speed: speed of the tip relative to the target
-    divided by that length, 1/s; shaking: sum of squares of deflection rates divided by the links' lengths, 1/s^2.
-    poses: poses of the links; action (joints, lanes), in [-1, 1]; info is written for running arms (live > 1/2).
-    Returns the reward, and 1.0 if a joint is beyond its limits, otherwise 0.0.
+    shaking: sum of squares of deflection rates divided by the links' lengths, 1/s^2. poses: poses of the links; action
+    (joints, lanes), in [-1, 1]; info is written for running arms (live > 1/2). Returns the reward, and 1.0 if a joint
+    is beyond its limits, otherwise 0.0.
     """
     shaking, past = record_pose(lane, task, poses, record, live, info)
     # way to the target and velocity relative to it, inertial axes
-    dx, dy, dz = to_target(lane, task, poses, record)
-    vx, vy, vz = _velocity(lane, task, poses)
-    vx, vy = vx - record[TARGET_RATE], vy - record[TARGET_RATE + 1]
-    vz = vz - record[TARGET_RATE + 2]
-    error = square_root((dx * dx + dy * dy) + dz * dz) / task.length
-    speed = square_root((vx * vx + vy * vy) + vz * vz) / task.length
-    return reward_point(lane, task, error, speed, shaking, poses, action, record, live, info), past
+    way, (vx, vy, vz) = to_target(lane, task, poses, record), _velocity(lane, task, poses)
+    velocity = vx - record[TARGET_RATE], vy - record[TARGET_RATE + 1], vz - record[TARGET_RATE + 2]
+    return reward_point(lane, task, way, velocity, shaking, poses, action, record, live, info), past
 
 
 @kernel
