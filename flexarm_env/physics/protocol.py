@@ -71,13 +71,10 @@ Coordinates
         their rotating link, in link axes.
 
 Work, energy and momentum
-    input_displacements(lane, model, par, q, y, since=None)
+    input_displacements(lane, model, par, q, y, since=None, v=None)
         Write to y[i] the displacement (rad or m) on which input i does work. With since = (start, y0), rotations are
-        integrated from their values y0 at the coordinates `start`, because rotations do not add up.
-
-    input_rates(lane, model, par, q, v, y)
-        Write to y[i] the rate (rad/s or m/s) of the displacement on which input i does work, in space also the angular
-        velocities about inertial axes. Only arms with contact points along their links need this function.
+        integrated from their values y0 at the coordinates `start`, because rotations do not add up. With rates v, write
+        the velocities (rad/s or m/s) instead; only arms with contact points along links need them.
 
     energy(lane, model, par, q, v)
         Return the kinetic, strain and gravitational energy, J.
@@ -368,8 +365,7 @@ vjp_product = FORMULATIONS.function(
     "vjp_product", "lane, model, par, par_bar, state, u, weights, x, S, bar, u_bar, y_bar"
 )
 vjp_poses = FORMULATIONS.function("vjp_poses", "lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar")
-input_displacements = FORMULATIONS.function("input_displacements", "lane, model, par, q, y, since")
-input_rates = FORMULATIONS.function("input_rates", "lane, model, par, q, v, y")
+input_displacements = FORMULATIONS.function("input_displacements", "lane, model, par, q, y, since, v")
 local_difference = FORMULATIONS.function("local_difference", "lane, model, start, q, d")
 retract = FORMULATIONS.function("retract", "lane, model, q, share, d, more")
 tangent_map = FORMULATIONS.function("tangent_map", "lane, model, d, inverse, x")

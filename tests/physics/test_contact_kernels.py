@@ -274,7 +274,7 @@ def test_points_along_links(space: bool, formulation: str, options: dict[str, An
         uncompiled(protocol.input_displacements)(SINGLE, inner, par, moved, y)
         places.append(y)
     slope, rates = (places[0] - places[1]) / (2.0 * h), np.zeros(size(model.n_inputs))
-    uncompiled(protocol.input_rates)(SINGLE, inner, par, q, v, rates)
+    uncompiled(protocol.input_displacements)(SINGLE, inner, par, q, rates, None, v)
     compared = list(range(arm.n_links))
     compared += [part.input + p * len(part.entries) + i for p in range(4) for i in range(len(part.space))]
     assert rates[compared] == pytest.approx(slope[compared], abs=1e-7 * abs(slope).max())

@@ -39,13 +39,13 @@ def place_of(lane, part, y: Lanes, p):
 def motions(lane, part, model, par, q, v, poses):
     """Write the motions of the points at coordinates q and rates v, which `motion_of` reads, to poses.
 
-    The motions are those of the links' tips in the arm's task poses or, if a point is along a link, the rates of the
-    input displacements.
+    The motions are those of the links' tips in the arm's task poses or, if a point is along a link, the velocities on
+    which the inputs do work.
     """
     if part.inside is None:
         protocol.task_poses(lane, model.arm, par, q, v, poses)
     else:
-        protocol.input_rates(lane, model.arm, par, q, v, poses)
+        protocol.input_displacements(lane, model.arm, par, q, poses, None, v)
 
 
 @kernel

@@ -29,7 +29,7 @@ from .eccentric import (
     subtract_root_lever,
 )
 from .layout import Nodes, X, Y, load_at, node_angles, weighted_sum
-from .output import centerline, damping_power, energy, input_displacements, input_rates, link_poses
+from .output import centerline, damping_power, energy, input_displacements, link_poses
 
 
 @kernel
@@ -424,6 +424,6 @@ def vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
 
 
 register(
-    Elastica, assemble, residual, add_stiffness, factor, solve, input_displacements, input_rates, damping_power,
+    Elastica, assemble, residual, add_stiffness, factor, solve, input_displacements, damping_power,
     energy, link_poses, centerline, solve_transposed, vjp_residual,
 )  # fmt: skip

@@ -55,30 +55,7 @@ def _root(lane, model, q, c, s):
 
 
 @kernel
-def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
-    """Write the displacements on which inputs do work to y: joint angles (rad), then x, y, angle of each load point.
-
-    q: coordinates of the arm. Positions (m, inertial axes) are root + sum_j arm_j e_j, with the load's weights arm_j
-    (m) and the nodes' unit tangents e_j. par and since are not used, because angles in the plane add up. See
-    docs/theory.md, section 5.
-    """
-    n, links = size(model.nodes), size(model.links)
-    m = n * links
-    # y_k = q_(k n): the first node's coordinate of link k is its joint angle beta_k
-    for k in range(links):
-        y[k] = q[k * n]
-    if model.loads is not None:
-        x, c, s = stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch)
-        _tangents(lane, model, q, x, c, s)
-        root_x, root_y = _root(lane, model, q, c, s)
-        for f in range((size(model.n_inputs) - links) // OF_LOAD.end):
-            at, k = load_at(model, f), links + OF_LOAD.end * f
-            px, py = weighted_sum(lane, model.loads, at.arm, c, m), weighted_sum(lane, model.loads, at.arm, s, m)
-            store_vector(lane, y, k, (root_x + px, root_y + py, weighted_sum(lane, model.loads, at.angle, x, m)))
-
-
-@kernel
-def input_rates(lane, model, par, q, v: Lanes, y: Lanes):
+def _input_rates(lane, model, par, q, v: Lanes, y: Lanes):
     """Write the rates of `input_displacements` to y: joint rates (rad/s), then velocity (m/s), rate of each load point.
 
     q: coordinates of the arm. v: their rates. The velocity of a load is that of the root plus sum_j arm_j e_j'.
@@ -98,6 +75,32 @@ def input_rates(lane, model, par, q, v: Lanes, y: Lanes):
         at, k = load_at(model, f), links + OF_LOAD.end * f
         px, py = weighted_sum(lane, model.loads, at.arm, ex, m), weighted_sum(lane, model.loads, at.arm, ey, m)
         store_vector(lane, y, k, (root_x + px, root_y + py, weighted_sum(lane, model.loads, at.angle, rate, m)))
+
+
+@kernel
+def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None, v=None):
+    """Write the displacements on which inputs do work to y: joint angles (rad), then x, y, angle of each load point.
+
+    q: coordinates of the arm. Positions (m, inertial axes) are root + sum_j arm_j e_j, with the load's weights arm_j
+    (m) and the nodes' unit tangents e_j. par and since are not used, because angles in the plane add up. See
+    docs/theory.md, section 5.
+    """
+    if v is not None:
+        _input_rates(lane, model, par, q, v, y)
+        return
+    n, links = size(model.nodes), size(model.links)
+    m = n * links
+    # y_k = q_(k n): the first node's coordinate of link k is its joint angle beta_k
+    for k in range(links):
+        y[k] = q[k * n]
+    if model.loads is not None:
+        x, c, s = stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch)
+        _tangents(lane, model, q, x, c, s)
+        root_x, root_y = _root(lane, model, q, c, s)
+        for f in range((size(model.n_inputs) - links) // OF_LOAD.end):
+            at, k = load_at(model, f), links + OF_LOAD.end * f
+            px, py = weighted_sum(lane, model.loads, at.arm, c, m), weighted_sum(lane, model.loads, at.arm, s, m)
+            store_vector(lane, y, k, (root_x + px, root_y + py, weighted_sum(lane, model.loads, at.angle, x, m)))
 
 
 @kernel

@@ -42,7 +42,7 @@ from .layout import (
     rows_of,
     section_of,
 )
-from .output import centerline, correct_positions, damping_power, energy, input_displacements, input_rates, link_poses
+from .output import centerline, correct_positions, damping_power, energy, input_displacements, link_poses
 from .rigid import (
     ROOT_END,
     TIP_END,
@@ -445,5 +445,5 @@ def solve(lane, model, S: Lanes, x: Lanes):
 
 register(
     ExactBeam, correct_positions, assemble, inertia_forces, add_stiffness, factor, solve, input_displacements,
-    input_rates, damping_power, energy, link_poses, centerline, solve_transposed=solve,
+    damping_power, energy, link_poses, centerline, solve_transposed=solve,
 )  # fmt: skip

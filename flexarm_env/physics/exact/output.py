@@ -33,33 +33,7 @@ from .tables import interior
 
 
 @kernel
-def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
-    """Write to y the displacements on which inputs do work: joint angles (rad), then x, y, angle of each load point.
-
-    Positions (m) are in inertial axes. The angle of joint 0 is psi of the root vertex. The other joint angles are the
-    hinge angles delta. A load at the end of a lever moves with the lever. If a load acts beyond a hinge, its angle is
-    psi + delta. par and since are not used, because angles in the plane add up.
-    """
-    rows, links = rows_of(model), model.links
-    y[0] = q[T]
-    for k in range(1, links):
-        y[k] = q[rows.hinges + k - 1]
-    if model.loads is not None:
-        for f in range(model.loads.shape[0] // ROWS_OF_LOAD.end):
-            of = model.loads[ROWS_OF_LOAD.end * f :]
-            px, py = q[of[ROWS_OF_LOAD.x]], q[of[ROWS_OF_LOAD.y]]
-            psi = q[of[ROWS_OF_LOAD.psi]]
-            if model.rigid is not None:
-                length = model.rigid[lever_at(links, 0) + f]
-                sine, cosine = sincos(psi)
-                px, py = px + cosine * length, py + sine * length
-            if of[ROWS_OF_LOAD.hinge] >= 0:
-                psi = psi + q[of[ROWS_OF_LOAD.hinge]]
-            store_vector(lane, y, links + OF_LOAD.end * f, (px, py, psi))
-
-
-@kernel
-def input_rates(lane, model, par, q: Lanes, v: Lanes, y: Lanes):
+def _input_rates(lane, model, par, q: Lanes, v: Lanes, y: Lanes):
     """Write the rates of `input_displacements` to y: joint rates (rad/s), then velocity (m/s), rate of each load point.
 
     A load at the end of a lever (length l along psi) moves at (x', y') + l psi' (-sin psi, cos psi).
@@ -79,6 +53,35 @@ def input_rates(lane, model, par, q: Lanes, v: Lanes, y: Lanes):
         if of[ROWS_OF_LOAD.hinge] >= 0:
             rate = rate + v[of[ROWS_OF_LOAD.hinge]]
         store_vector(lane, y, links + OF_LOAD.end * f, (vx, vy, rate))
+
+
+@kernel
+def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None, v=None):
+    """Write to y the displacements on which inputs do work: joint angles (rad), then x, y, angle of each load point.
+
+    Positions (m) are in inertial axes. The angle of joint 0 is psi of the root vertex. The other joint angles are the
+    hinge angles delta. A load at the end of a lever moves with the lever. If a load acts beyond a hinge, its angle is
+    psi + delta. par and since are not used, because angles in the plane add up.
+    """
+    if v is not None:
+        _input_rates(lane, model, par, q, v, y)
+        return
+    rows, links = rows_of(model), model.links
+    y[0] = q[T]
+    for k in range(1, links):
+        y[k] = q[rows.hinges + k - 1]
+    if model.loads is not None:
+        for f in range(model.loads.shape[0] // ROWS_OF_LOAD.end):
+            of = model.loads[ROWS_OF_LOAD.end * f :]
+            px, py = q[of[ROWS_OF_LOAD.x]], q[of[ROWS_OF_LOAD.y]]
+            psi = q[of[ROWS_OF_LOAD.psi]]
+            if model.rigid is not None:
+                length = model.rigid[lever_at(links, 0) + f]
+                sine, cosine = sincos(psi)
+                px, py = px + cosine * length, py + sine * length
+            if of[ROWS_OF_LOAD.hinge] >= 0:
+                psi = psi + q[of[ROWS_OF_LOAD.hinge]]
+            store_vector(lane, y, links + OF_LOAD.end * f, (px, py, psi))
 
 
 @kernel

@@ -17,7 +17,7 @@ from ..layout import OF_LOAD
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, FloatingChain
 from ..protocol import State, register
 from .body import forces, propagate_to_tip
-from .chain_inputs import input_displacements, input_rates
+from .chain_inputs import input_displacements
 from .chain_output import centerline, damping_power, energy, link_poses, out_of_range
 from .layout import (
     ANGLE,
@@ -364,6 +364,6 @@ def solve(lane, model, S: Lanes, x: Lanes):
 
 
 register(
-    FloatingChain, assemble, add_stiffness, factor, solve, input_displacements, input_rates, damping_power, energy,
+    FloatingChain, assemble, add_stiffness, factor, solve, input_displacements, damping_power, energy,
     link_poses, out_of_range, centerline,
 )  # fmt: skip

@@ -24,11 +24,26 @@ def ports_of_loads(lane, model, q, y):
 
 
 @kernel
-def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
+def _input_rates(lane, model, par, q: Lanes, v: Lanes, y: Lanes):
+    """Write the rates of `input_displacements` to y: joint rates (rad/s), then velocity (m/s), rate of each load point.
+
+    q: coordinates of the arm. v: their rates. Velocities are along inertial axes."""
+    y[0] = v[ANGLE]
+    for k in range(1, model.links):
+        y[k] = v[elbow_row(model, k)]
+    visit(lane, model, q, v, _rates_to_loads, y)
+    _visit_bodies(lane, model, q, v, _rates_to_loads, y)
+
+
+@kernel
+def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None, v=None):
     """Write the displacements on which inputs do work to y: joint angles, then x, y, angle at each point load.
 
     Joint angles (rad) are the root's angle and the elbows' relative angles. Positions (m) are in inertial axes, section
     angles in rad. since is not read, because angles in the plane add up."""
+    if v is not None:
+        _input_rates(lane, model, par, q, v, y)
+        return
     y[0] = q[ANGLE]
     for k in range(1, model.links):
         y[k] = q[elbow_row(model, k)]
@@ -62,15 +77,3 @@ def _rates_to_loads(lane, model, link, end, pose, y):
     for f in range(model.loads.shape[0] // LOADED.end):
         if acts_at(model.loads, f, link, end):
             store_vector(lane, y, model.links + OF_LOAD.end * f, load_vector(lane, pose, POSE.vx))
-
-
-@kernel
-def input_rates(lane, model, par, q: Lanes, v: Lanes, y: Lanes):
-    """Write the rates of `input_displacements` to y: joint rates (rad/s), then velocity (m/s), rate of each load point.
-
-    q: coordinates of the arm. v: their rates. Velocities are along inertial axes."""
-    y[0] = v[ANGLE]
-    for k in range(1, model.links):
-        y[k] = v[elbow_row(model, k)]
-    visit(lane, model, q, v, _rates_to_loads, y)
-    _visit_bodies(lane, model, q, v, _rates_to_loads, y)

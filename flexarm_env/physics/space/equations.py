@@ -28,7 +28,7 @@ from .element import forces, inertia_wrenches, middle, tangent
 from .elimination import factor, solve
 from .framed import framed
 from .inner import elements_before
-from .inputs import input_displacements, input_rates
+from .inputs import input_displacements
 from .layout import AXES, B, E, F, H, J, L, before, count_of, factor_at, hinge_at, joint_row, section_at
 from .matrix import add_stiffness, matrix_in, store_spin_lag
 from .moving import local_difference, note_inverse, noted_inverse, retract, tangent_map, vertices_of
@@ -301,7 +301,7 @@ def _handed(lane, model, u: Lanes, weights, r: Lanes, S: Lanes, k, force, moment
 
 
 COMMON = (
-    assemble, add_stiffness, factor, solve, energy, input_displacements, input_rates, damping_power, link_poses,
+    assemble, add_stiffness, factor, solve, energy, input_displacements, damping_power, link_poses,
     centerline, set_joint_configuration, conserve_momentum,
 )  # fmt: skip
 register(SpatialElastica, *COMMON, retract=strained_update, local_difference=strained_difference)

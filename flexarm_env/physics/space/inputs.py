@@ -31,12 +31,27 @@ def _loaded(lane, model, q, v, f):
 
 
 @kernel
-def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
+def _input_rates(lane, model, par, q: Lanes, v: Lanes, y: Lanes):
+    """Store in y the joint rates (rad/s), then velocity (m/s), angular velocity (rad/s) of each load, inertial axes."""
+    for k in range(model.links):
+        y[k] = v[joint_row(model, k)]
+    for f in range(model.loads.shape[0] // L.end):
+        place, j = _loaded(lane, model, q, v, f), model.links + AXES * f
+        A, lever = matrix(place.p), three_of(lane, model.loads, L.end * f + L.lever)
+        store_vector(lane, y, j, place.v + A @ cross(place.spin, lever))
+        store_vector(lane, y, j + 3, A @ place.spin)
+
+
+@kernel
+def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None, v=None):
     """Store in y the joint angles (rad), then the position (m) and rotation vector (rad) of each load, inertial axes.
 
     If since = (start, y0), each rotation vector is that in y0 plus the rotation since the coordinates `start` about
     inertial axes; moments do work on it. If since is None, the vector is the rotation vector of the section's rotation
     matrix."""
+    if v is not None:
+        _input_rates(lane, model, par, q, v, y)
+        return
     for k in range(model.links):
         y[k] = q[joint_row(model, k)]
     if model.loads is not None:
@@ -50,15 +65,3 @@ def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
                 before = _loaded(lane, model, since[0], since[0], f)
                 turn = rotation_vector(shortest_rotation(compose(place.p, inverse_rotation(before.p))))
                 store_vector(lane, y, j + 3, load_vector(lane, since[1], j + 3) + turn)
-
-
-@kernel
-def input_rates(lane, model, par, q: Lanes, v: Lanes, y: Lanes):
-    """Store in y the joint rates (rad/s), then velocity (m/s), angular velocity (rad/s) of each load, inertial axes."""
-    for k in range(model.links):
-        y[k] = v[joint_row(model, k)]
-    for f in range(model.loads.shape[0] // L.end):
-        place, j = _loaded(lane, model, q, v, f), model.links + AXES * f
-        A, lever = matrix(place.p), three_of(lane, model.loads, L.end * f + L.lever)
-        store_vector(lane, y, j, place.v + A @ cross(place.spin, lever))
-        store_vector(lane, y, j + 3, A @ place.spin)
