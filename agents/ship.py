@@ -15,6 +15,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from agents.suite import RESULTS, ROOT
 from flexarm_env import suite
 from flexarm_env.suite import results
@@ -81,7 +83,7 @@ def card(best: Judged, config: str) -> str:
     task, entry, training = best.task, best.entry, best.entry["training"]
     rows = [("public episodes", entry)] + [("second hundred", other) for other in [entry.get("second")] if other]
     table = [
-        f"| {name} | {success(part)} | {results.value(task, part):.1f} | {sum(part['pd']) / len(part['pd']):.1f} |"
+        f"| {name} | {success(part)} | {results.value(task, part):.1f} | {np.mean(part['pd']):.1f} |"
         for name, part in rows
     ]
     lines = [
