@@ -6,17 +6,19 @@ import json
 from pathlib import Path
 from types import SimpleNamespace
 
+import gymnasium
 import numpy as np
 import pytest
 
 pytest.importorskip("stable_baselines3")
 
-from agents import foresight, payoff, record
+from agents import foresight, payoff, record, ship
 from agents import suite as reference
-from flexarm_env import derivatives, suite
+from flexarm_env import control, derivatives, suite
 from flexarm_env.suite import best, results
+from flexarm_env.suite.policies import choose
 from flexarm_env.suite.score import FIRST
-from flexarm_env.training import config
+from flexarm_env.training import config, export_policy
 from flexarm_env.training.train import Arguments as Training
 from tests.agents_tools import told
 from tests.test_suite_bench import entry_of
@@ -330,3 +332,48 @@ def test_methods_are_trained_and_judged(algorithm: str, tmp_path: Path):
     content = json.loads((tmp_path / "suite" / f"{algorithm}-1.json").read_text())["tasks"][task.id]
     assert content["training"]["algorithm"] == algorithm and content["training"]["steps"] >= 6000
     assert len(content["returns"]) == 100
+
+
+def run_folder(home: Path, name: str, scale: float) -> Path:
+    """With the packaged policy of one link, whose weights are multiplied."""
+    folder = home / name / TASKS[0].id
+    folder.mkdir(parents=True)
+    policy = control.find_policy("flexible_arm").policy
+    layers = [(w * np.float32(scale), b) for w, b in policy.weights]
+    export_policy.save(control.NumpyPolicy(policy.meta, layers, policy.normaliser), folder / "policy.npz")
+    (folder / "config.yml").write_text("around: {}\n")
+    return folder
+
+
+def test_the_best_evaluated_policy_is_copied_with_a_card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
+    task, home, kept = TASKS[0], tmp_path / "runs", tmp_path / "results"
+    for run, (mean, known) in enumerate(((100.0, True), (104.0, True), (110.0, False))):
+        folder = run_folder(home, f"ppo-{run}", 1.0 + run)
+        mark = choose(str(folder), task).fingerprint if known else "another policy"
+        policy = {"kind": "policy", "source": str(folder), "fingerprint": mark}
+        results.Results("ppo", run, {task.id: entry(task, mean, policy=policy, pd=[94.0] * 100, training={
+            "algorithm": "ppo", "steps": 1000.0, "wall_s": 7.0, "cpu_s": 6.0})}).write(kept)  # fmt: skip
+    words = ["ship", "--home", str(home), "--results", str(kept), "--out", str(tmp_path / "out")]
+    monkeypatch.setattr("sys.argv", words)
+    assert ship.main() == 0
+    assert capsys.readouterr().out.startswith(f"{task.id}: ppo-1, score ")
+    out = tmp_path / "out" / task.id
+    assert (out / "policy.npz").read_bytes() == (home / "ppo-1" / task.id / "policy.npz").read_bytes()
+    card = (out / "README.md").read_text()
+    assert "| public episodes | 100% | 104.0 | 94.0 |" in card and "contains PD control" in card
+    assert ship.main() == 0 and capsys.readouterr().out == f"{task.id}: the present policy is kept\n"
+
+
+@pytest.mark.parametrize("folder", sorted(ship.POLICIES.glob("*")), ids=lambda folder: folder.name)
+def test_shipped_policies_are_evaluated_and_act_in_their_tasks(folder: Path):
+    (task,) = [task for task in TASKS if task.id == folder.name]
+    entries = [entry for _, entry in results.of_task(task, results.folder_of(reference.RESULTS, earlier=True))]
+    mark = choose(str(folder), task).fingerprint
+    (own,) = [entry for entry in entries if entry["policy"]["fingerprint"] == mark]
+    assert f"| {results.value(task, own):.1f} |" in (folder / "README.md").read_text()
+    env = gymnasium.make(task.registered)
+    policy = control.load_policy(folder / "policy.npz", env)
+    seen, _ = env.reset(seed=0)
+    policy.reset(seen)
+    assert env.action_space.contains(policy.act(seen))
+    env.close()

@@ -19,7 +19,7 @@ NAMES = {
 }  # fmt: skip
 """Names of the methods of the package's own results; other methods are shown by the names of their files."""
 
-AROUND = ("reach-measured-v1", "slew-handling-v2", "space-wall-v1")
+AROUND = ("reach-measured-v1", "slew-handling-v2", "space-wall-v1", "space-measured-v1", "float-reach-v1")
 """Tasks on which the policies of PPO in the package's own results contain PD control (`configs/ppo/suite.yml`)."""
 
 HOW = """The **score** is 0 for PD control and 1 for the best known torques, which are optimized for each episode with
@@ -31,7 +31,7 @@ interval (bootstrap over runs) and the number of tasks."""
 
 MARK = "°"
 HOW_MARKED = f"""{MARK} marks PPO policies that contain PD control: the network corrects the torques of PD control. On
-these tasks the score of PPO without PD control is near or below 0, the score of PD control."""
+these tasks PPO without PD control has a lower score."""
 
 
 def overview(
