@@ -9,6 +9,7 @@ higher score. README.md is the model card. Policies of tasks without a run folde
 """
 
 import sys
+import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -94,9 +95,13 @@ def card(best: Judged, config: str) -> str:
         f"The policy is run {best.found.run} of the method `{best.found.name}` in the "
         "[results on the suite](../../../docs/results/suite.md). Training used "
         f"{training['steps']:,.0f} control periods and {training['cpu_s']:.0f} s of CPU. `config.yml` contains all "
-        "hyperparameters, and the command that repeats the training is",
+        "hyperparameters, and this command repeats the training:",
         "",
-        f"    python -m agents.suite --only {best.found.name} --task {task.id} --seeds {best.found.run + 1}",
+        "```sh",
+        f"flexarm train --env {task.registered} --algo {training['algorithm']} --seed {best.found.run} \\",
+        f"  --config agents/policies/{task.id}/config.yml --n-timesteps {task.budget} \\",
+        f"  --best-by return --evaluate-every {max(32_768, round(task.budget / 20))}",
+        "```",
         "",
         "| episodes | success | J | J of PD control |",
         "|---|---|---|---|",
@@ -131,7 +136,12 @@ def card(best: Judged, config: str) -> str:
         "The policy is deterministic and needs only NumPy. It was trained and evaluated in simulation only, on the "
         "arm, sensors and ranges of this task.",
     ]
-    return "\n".join(lines) + "\n"
+    return "\n".join(wrapped(line) for line in lines) + "\n"
+
+
+def wrapped(line: str) -> str:
+    """Wrap a paragraph, which begins with a capital letter, at 120 characters; return all other lines unchanged."""
+    return textwrap.fill(line, 120, break_on_hyphens=False, break_long_words=False) if line[:1].isupper() else line
 
 
 def present(task: suite.Task, folder: Path, known: list[results.Results]) -> float:
