@@ -114,5 +114,5 @@ def test_points_along_links_in_files_and_what_is_refused() -> None:
     bent = Arm("bent", (Link(1.0, SOFT, curvature=1.0),))
     scene = dataclasses.replace(scene, arm=bent)
     assert "must be straight" in refusal(lambda: Simulation(scene, scene.settings("elastica")))
-    told = refusal(lambda: gym.make("FlexibleArm-v0", contacts=Contact(floor, 1e3, bodies=("link0@0.5",))))
-    assert told.startswith("contacts[0].bodies[0] = 'link0@0.5': must be")
+    told = refusal(lambda: gym.make("FlexibleArm-v0", contacts=other))
+    assert told.startswith("contacts[0].bodies[0] = 'link1@0.5': must be on a link of arm strip")
