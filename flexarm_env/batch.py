@@ -115,7 +115,7 @@ class Batch:
     Attributes:
         action (n, A) float32: actions of all arms, which the caller writes before `step`.
         observation (n, O) float32, reward (n,), terminated, truncated (n,): results of the last step or start.
-        table: entries of info. Each entry has one or more rows; each arm has one column. Spare columns follow.
+        table: entries of info. Each entry has one or more rows; each arm has one column, and spare columns follow.
         sheet: the `Sheet` that owns the memory of `table` and stores the views of `table` that callers get.
         info_at: row in `table` at which each entry of `INFO` starts. request: values for the next start, in the layout
             `REQUEST`; NaN: drawn at random. address: memory address of `program`, an argument of compiled functions.
@@ -284,7 +284,7 @@ class Batch:
 
     def set_starts(self, starts: Starts) -> None:
         """Set the ranges of initial states of later episodes; running episodes continue. The call compiles another
-        program if the new ranges require it.
+        program if the new ranges require one.
         """
         anew = (starts.attainable is None) != (self.starts.attainable is None)
         self.starts, self._alone = starts, self._beside()
@@ -355,7 +355,7 @@ class Batch:
             self.set_state(i, alone.get_state(0))
 
     def alone(self) -> Batch:
-        """Return a batch with a single arm and otherwise the same data."""
+        """Return a batch of a single arm that has the same data as this batch."""
         return self._alone.get(self._one)
 
     def _beside(self) -> Beside[Batch]:

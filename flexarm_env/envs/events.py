@@ -121,7 +121,8 @@ def payload_change(frame: Frame, value: Any) -> PayloadChange | None:
 
     value: table with `time` (s), `factor` (on the nominal payload's mass and inertia) and `gripped`; or None. In the
     result the time is in control periods. The field `resting` of the result is (0,) if the gripped body is at rest
-    before the change, so that velocities jump. The field is None if the body already moves with the tip.
+    before the change; velocities then jump at the change. The field `resting` is None if the body already moves with
+    the tip.
     """
     if value is None:
         return None
