@@ -59,7 +59,7 @@ class Probe:
 @dataclass(frozen=True)
 class Estimate:
     """Estimated error (`total`) and its parts, divided by the arm's length. unknown: "", or the reason why a part could
-    not be estimated; the total is then infinite."""
+    not be estimated. The total is infinite if a part could not be estimated."""
 
     total: float
     parts: Mapping[str, float] = field(default_factory=dict)
@@ -348,7 +348,7 @@ def followed(
     levels: Sequence[int],
     notes: Mapping[str, float],
 ) -> dict[str, float]:
-    """Return an elastica's error due to neglected stretch and shear, divided by the arm's length; {} without elastica.
+    """For an elastica, return the error due to neglected stretch and shear, divided by the arm's length; otherwise {}.
 
     In the plane the error is the distance from a run whose bending stiffness is reduced to represent stretch and shear.
     The planar error is at most 1 and at least the linear estimate in `notes`. In space the error is the distance from a

@@ -254,7 +254,7 @@ class Batch:
         return self._mine(self.layout.poses, end, i).reshape(self.arm.n_links, -1).copy()
 
     def joints(self, i: int) -> tuple[Array, Array]:
-        """Return arm i's joint angles (N,), rad, and rates (N,), rad/s; on a floating base the hub's are absolute."""
+        """Return arm i's joint angles (N,), rad, and rates, rad/s; on a floating base the hub's values are absolute."""
         return self.reading.joints(self.poses(i))
 
     # --- motion ----------------------------------------------------------------------------------
@@ -297,8 +297,8 @@ class Batch:
             getattr(self.program.ranges, name)[...] = getattr(ranges, name)
 
     def ask(self, angles: Array, target: Array, vibration: Array) -> None:
-        """Request a start of the next episode: joint angles (N,), rad, target (2,), vibration (1,) or (3,). NaN stands
-        for a random number. In space the target is given by joint angles (N,) at which the arm reaches it.
+        """Request that the next episode starts with joint angles (N,), rad, target (2,), and vibration (1,) or (3,).
+        NaN stands for a random number. In space the target is given by joint angles (N,) at which the arm reaches it.
         """
         asked = {"angles": angles, "target": np.full(2, np.nan), "goals": np.zeros(0)}
         asked |= {"vibration": np.resize(vibration, 3), self.task.given: target}

@@ -159,7 +159,7 @@ def mount(path: str, value: Any) -> Matrix | None:
 def inertia(path: str, value: object) -> Inertia:
     """Validate a moment of inertia or an inertia tensor about a center of mass, kg m^2.
 
-    A tensor must be symmetric. Each principal moment must be at least 0 and at most the sum of the two others.
+    A tensor must be symmetric. Each principal moment must be at least 0 and at most the sum of the two other moments.
     """
     if not isinstance(value, list | tuple | np.ndarray):
         return check.number(path, value, "kg m^2", minimum=0.0)

@@ -81,7 +81,8 @@ def jumps(curve: Curvature) -> tuple[float, ...]:
 
 
 def along(curve: Curvature, s: Any, before: bool = False) -> Array:
-    """Return the curvature (1/m) at positions s (m); at a jump the value after it, or before it if `before` is True."""
+    """Return the curvature (1/m) at positions s (m); at a jump the value after the jump, or, if `before` is True, the
+    value before the jump."""
     s = np.asarray(s, np.float64)
     if isinstance(curve, float):
         return np.full(s.shape, curve)

@@ -41,7 +41,7 @@ class Entries:
 
     @classmethod
     def of(cls, policy: NumpyPolicy) -> Entries | None:
-        """Read the entries from the policy's metadata; None for files of version 0.1, which lack them."""
+        """Read the entries from the policy's metadata; None for files of version 0.1, which lack the entries."""
         scales = policy.meta.get("scales")
         if not scales:
             return None

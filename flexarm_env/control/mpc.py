@@ -10,7 +10,7 @@ is postponed at most by the time that an arm with other parameters could need. T
 as its torques alone satisfy the limits.
 
 Joint angles, tip deflections and their rates are measured. The model predicts all other state variables. The predicted
-higher modes are those of the nominal arm and can be wrong for the real arm. The predicted shape of a link is therefore
+higher modes are the nominal arm's modes and can be wrong for the real arm. The predicted shape of a link is therefore
 blended with the shape of a link under a static tip force (`MPCGains.memory`).
 
 The cost also penalizes the violation of joint limits and points inside shapes to be avoided.

@@ -30,7 +30,7 @@ MOST = 50
 
 @dataclass(frozen=True, kw_only=True)
 class MPCForceGains(LQRForceGains):
-    """Gains of the controller `MPCForce`: those of `LQRForce`, and the horizon.
+    """Gains of the controller `MPCForce`: the gains of `LQRForce`, and the horizon.
 
     Args:
         horizon: number of control periods in which the planned torques satisfy the limits. After the horizon the plan

@@ -189,7 +189,7 @@ class ShapedPD(Shaped):
 
 @dataclass(frozen=True)
 class SpatialShapedGains(SpatialPDGains):
-    """Gains of PD control in space and of its shaped reference.
+    """Gains of PD control in space, and parameters of the shaped reference.
 
     effort: largest torque of the reference motion divided by the torque limit. modes: maximum number of modes that the
     shaper suppresses.

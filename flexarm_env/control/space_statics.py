@@ -77,7 +77,7 @@ class SpatialChain:
 
     @property
     def cells(self) -> int:
-        """Number of cells of all links together."""
+        """Total number of cells in all links."""
         return len(self.masses)
 
     def at(self, angles: Array, force: Array, curvatures: Array) -> Rest:

@@ -139,8 +139,9 @@ def payload_change(frame: Frame, value: Any) -> PayloadChange | None:
 def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool, drawn: int) -> dict[str, Any]:
     """Return the compiled task's fields for success, turns and info whose values differ from the defaults.
 
-    success, turns: values of the environment's keywords with these names. absolute: True if target angles are absolute,
-    False if they are relative to the initial angle. drawn: index in info of the last random factor; -1 without factors.
+    success, turns: values of the environment's keywords `success` and `turns`. absolute: True if target angles are
+    absolute, False if they are relative to the initial angle. drawn: index in info of the last random factor; -1
+    without factors.
     """
     kind = frame.kind
     table = table_of("success", success, (*kind.bands, "hold", "once", "paid"))

@@ -276,7 +276,7 @@ def judge(arm: Arm, drive: Drive, period: float, stiffness: float = 1.0) -> Judg
 
 
 def worst(arm: Arm, drive: Drive, period: float, drawn: Mapping[str, tuple[float, float]]) -> Worst:
-    """Return error estimates of an arm, of the softest, and of the stiffest randomized arm (with least payload).
+    """Return error estimates of an arm, and of the softest and the stiffest (least payload) randomized arm.
 
     period: control period, s. drawn: ranges (low, high) of randomized factors by name; only the factors on EI, payload
     and torque_constant are used.
