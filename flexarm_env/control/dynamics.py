@@ -367,8 +367,7 @@ class SpatialDynamics(Dynamics):
         return np.stack([riccati(A, B, stage, R)[0] for A, B in zip(*self.jacobians(x, u), strict=True)])
 
     def begun(self, start: Array, goal: Array, periods: int) -> Array:
-        """Return torques (T, n, N) of regulators (`homing`) as initial guess, since constant torques let the arm
-        fall."""
+        """Return torques (T, n, N) of regulators (`homing`) as initial guess; the arm falls under constant torques."""
         home, held = self.still(goal[:, self.joints])
         K, x, controls = self.homing(home, held), start, np.zeros((periods, *held.shape))
         for k in range(periods):
