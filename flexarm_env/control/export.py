@@ -140,7 +140,7 @@ def c_named(text: str, name: str) -> str:
 
 
 def c_comment(lines: Iterable[str]) -> str:
-    """Format lines as a C comment; replace characters that could end the comment."""
+    """Format lines as a C comment; change character sequences that could end the comment."""
     return "\n".join(["/*", *(f" * {harmless(line)}".rstrip() for line in lines), " */"])
 
 
