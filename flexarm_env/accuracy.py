@@ -5,14 +5,15 @@ parts, which are divided by the arm's length:
 
     time_step   half the distance from a run with twice the step. (The error of a second-order method is a third of this
                 distance; the factor 1/2 includes a safety margin.) If the step does not resolve the slowest vibration
-                or its decay, the part is the whole distance from a run with an eighth of the step. In space the part is
-                up to 1.5 times the distance if a run with four times the step shows that the errors are not of second
-                order
-    mesh        half the distance between two runs with twice the step, of which one has a mesh with half as many cells.
-                If the other mesh is finer, the part is the whole distance. Two errors do not depend on the mesh: the
-                error of chord frames on stubby links, and the error of a link under high tension that bends within less
-                than one element. For such links the part is at least the distance from a run with frames clamped at the
-                segments' roots, in space from a run with exact beams (`accuracy_space`)
+                or its decay, time_step is the whole distance from a run with an eighth of the step. In space a third
+                run, with four times the step, shows the order of the errors. If the order is below two, time_step is up
+                to 1.5 times the distance from the run with twice the step
+    mesh        half the distance between two runs with twice the step. The second run has a mesh with half as many
+                cells. If the second run needs a finer mesh instead, this part is the whole distance between the two
+                runs. Two errors do not depend on the mesh: the error of chord frames on stubby links, and the error of
+                a link under high tension that bends within less than one element. For such links this part is at least
+                the distance from a run with frames clamped at the segments' roots, in space from a run with exact beams
+                (`accuracy_space`)
     energy      five times the energy that the time integration created, or half of the energy that it dissipated,
                 divided by `Trajectory.turned_over`
     others      errors of the formulation that are known before the run (`System.notes`)
@@ -58,7 +59,7 @@ class Probe:
 @dataclass(frozen=True)
 class Estimate:
     """Estimated error (`total`) and its parts, divided by the arm's length. unknown: "", or the reason why a part could
-    not be estimated; the total is then infinite."""
+    not be estimated. The total is infinite if a part could not be estimated."""
 
     total: float
     parts: Mapping[str, float] = field(default_factory=dict)
@@ -124,9 +125,9 @@ def other_mesh(settings: Settings, errors: Errors | None = None, full: int = 5) 
 
 
 def companion_mesh(scene: Scene, settings: Settings) -> tuple[Scene, Settings, float]:
-    """Return scene and settings with another mesh, and the error divided by the distance, as in `other_mesh`. If a
-    link's section has jumps or kinks, all cells are halved: a coarser mesh could keep the cells of a short interval and
-    hide their error. For all other arms the mesh is that of `other_mesh`."""
+    """Return scene and settings with another mesh, and the run's expected error divided by the distance of the two
+    runs. If a link's section has jumps or kinks, all cells are halved: a coarser mesh could keep the cells of a short
+    interval and hide the error of these cells. For arms without jumps and kinks the mesh is that of `other_mesh`."""
     if divided(scene.arm) and (halved := halved_mesh(scene.arm, settings)):
         return replace(scene, arm=halved[0]), halved[1], 1.0
     full = default_mesh(scene.arm, settings.formulation).get("segments", 5)
@@ -150,9 +151,9 @@ gear's vibration: below x = SLOW the step resolves the vibration, above x = QUIC
 
 
 def clamped(scene: Scene, settings: Settings) -> Settings | None:
-    """Return settings with frames clamped at the segments' roots if chord frames with von Karman coupling have an error
-    due to the shear of stubby links in the plane; otherwise return None. A comparison of meshes does not show this
-    error."""
+    """Return settings with frames clamped at the segments' roots if a planar run has stubby links and chord frames with
+    von Karman coupling; otherwise return None. In such a run the shear of the links causes an error that a comparison
+    of meshes does not show."""
     along = settings.formulation == "floating_frame" and settings.frame == "chord" and settings.coupling == "von_karman"
     if along and errors_of(scene).has_stubby_link(scene.arm):
         return settings.replace(frame="root")
@@ -165,16 +166,16 @@ def rubs(scene: Scene) -> bool:
 
 
 def gear_rate(scene: Scene) -> float:
-    """Return the angular frequency, rad/s, of the fastest vibration of a rotor on its elastic gear against the rigid
-    arm beyond the joint. Return 0 if no gear is elastic, or for an arm in space."""
+    """Return the angular frequency, rad/s, of the fastest gear vibration: a rotor vibrates on its elastic gear against
+    the rigid arm beyond the joint. Return 0 if no gear is elastic, or for an arm in space."""
     return errors_of(scene).gear_rate(scene.arm)
 
 
 def slowest_rate(scene: Scene) -> float:
-    """Return the angular frequency, rad/s, of the straight arm's slowest vibration with a fixed root. If this vibration
-    is overdamped, return its faster decay rate, 1/s. The frequency is Rayleigh's estimate for a beam with the arm's
-    length, smallest stiffness and load at the tip. For planar arms with varying sections the frequency is computed from
-    the actual arm."""
+    """Return the angular frequency, rad/s, of the straight arm's slowest vibration with a fixed root. If the slowest
+    vibration is overdamped, return its faster decay rate, 1/s. The frequency is Rayleigh's estimate for a beam with the
+    arm's length, smallest stiffness and load at the tip. For planar arms with varying sections the frequency is
+    computed from the stiffness and mass at points along the arm."""
     arm = scene.arm
     if all(link.rigid for link in arm.links):
         return 0.0
@@ -189,9 +190,10 @@ def count_steps(scene: Scene, settings: Settings, end: float, sample: float) -> 
 
 
 def in_steps(scene: Scene, settings: Settings, end: float, sample: float) -> Settings:
-    """Return settings with the longest step of at most dt for which steps end at every sample and kink. For an elastica
-    dt is chosen so that steps of at most this length cover a tenth of the time. The reason is the correction in the
-    elastica's inertia matrix, which holds for one step length (docs/theory.md, section 5.3)."""
+    """Return settings whose dt is the longest step of a run in which steps end at every sample and kink. Each interval
+    between samples and kinks has equal steps of at most the given dt. For an elastica the new dt is chosen so that
+    steps up to the new dt cover a tenth of the run's time. The reason is that the correction of the elastica's inertia
+    matrix holds for one step length (docs/theory.md, section 5.3)."""
     return settings.replace(dt=_step_of(_stretches(scene, end, sample), settings, sample))
 
 
@@ -255,8 +257,8 @@ def estimate(
 
     The reason states why a part is infinite; it is "" if all parts are finite. mine: the run, sampled every `sample` s.
     levels: numbers of halvings of dt in `mine` (`Trajectory.step_levels`). run: function that computes a comparison
-    run. Its arguments are a scene, settings, a sampling interval and, with a step_tolerance, the number of halvings of
-    dt in each interval. Meshes are compared without `Arm.mass_damping`, whose effect depends on the mesh.
+    run. The arguments of `run` are a scene, settings, a sampling interval and, with a step_tolerance, the number of
+    halvings of dt in each interval. Meshes are compared without `Arm.mass_damping`, whose effect depends on the mesh.
     """
     dt = settings.dt
     assert dt is not None
@@ -346,11 +348,11 @@ def followed(
     levels: Sequence[int],
     notes: Mapping[str, float],
 ) -> dict[str, float]:
-    """Return an elastica's error due to neglected stretch and shear, divided by the arm's length; {} if it has none.
+    """For an elastica, return the error due to neglected stretch and shear, divided by the arm's length; otherwise {}.
 
     In the plane the error is the distance from a run whose bending stiffness is reduced to represent stretch and shear.
-    It is at most 1 and at least the linear estimate in `notes`. In space the error is the distance from a run with
-    exact beams or, for slender links, from the run with reduced stiffness.
+    The planar error is at most 1 and at least the linear estimate in `notes`. In space the error is the distance from a
+    run with exact beams or, for slender links, from the run with reduced stiffness.
     """
     stiffness = getattr(notes, "softer", None)
     if stiffness is None:

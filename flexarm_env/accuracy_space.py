@@ -64,21 +64,21 @@ def _pull(scene: Scene, t: Array, tip: Array) -> float:
 
 
 def witness(scene: Scene, settings: Settings, t: Array, tip: Array) -> tuple[Settings | None, bool]:
-    """Return settings for a comparison run with exact beams, and whether its mesh is fine enough.
+    """Return settings for a comparison run with exact beams, and whether this run's mesh is fine enough.
 
     The distance from the comparison run contains errors that a comparison with a coarser mesh does not show.
 
-    If the x axis of a floating frame is the chord of a segment, the error is of the order of the squared shear angle. A
-    finer mesh does not reduce this error. The elastica formulation neglects shear deformation. A link under an axial
-    force N bends within a distance of about sqrt(EI/N) from its ends. If the elements are several times longer than
-    this distance, meshes with one and with two elements have the same error.
+    If the x axis of a floating frame is the chord of a segment, the frame causes an error of the order of the squared
+    shear angle. A finer mesh does not reduce the error of chord frames. The elastica formulation neglects shear
+    deformation. A link under an axial force N bends within a distance of about sqrt(EI/N) from its ends. If the
+    elements are several times longer than sqrt(EI/N), meshes with one and with two elements have the same error.
 
     Args:
         t: instants of the run, (n,), s. tip: positions of the tip and of the end points of its three axes, (n, 4, 3),
             m.
     Returns:
-        The settings (None if coarser meshes show all errors), and whether the elements of the exact beams are short
-            enough.
+        The settings, and whether the elements of the comparison run are short enough. The settings are None if a
+            comparison with a coarser mesh shows all errors.
     """
     links = [link for link in scene.arm.links if not link.rigid]
     if not links:
@@ -115,18 +115,18 @@ LITTLE = 1e-7
 
 
 def step_factor(growth: float) -> float:
-    """Return the error of a run with step h, divided by its distance from a run with step 2 h.
+    """Return the error of a run with step h, divided by the distance between runs with the steps h and 2 h.
 
-    growth: factor by which the distance grows if both steps are doubled. If the error is proportional to a power of h,
-    the ratio is 1 / (growth - 1), for example 1/3 for a method of second order. The result contains a safety factor of
-    1.5. If no step resolves a vibration, the error is about the vibration's amplitude for every step, and growth is
-    about 1. The result is therefore limited to 1.5.
+    growth: factor by which the distance between the two runs grows if the steps of both runs are doubled. If the error
+    is proportional to a power of h, the ratio is 1 / (growth - 1), for example 1/3 for a method of second order. The
+    result contains a safety factor of 1.5. If no step resolves a vibration, the error is about the vibration's
+    amplitude for every step, and growth is about 1. The returned ratio is therefore limited to 1.5.
     """
     return 0.5 if growth >= 4.0 or not math.isfinite(growth) else min(1.5, 1.5 / max(growth - 1.0, 1e-3))
 
 
 def mesh_factor(n: int) -> float:
-    """Return the error of a run with n elements, divided by its distance from a run with m = n / 2 elements.
+    """Return the error of a run with n elements, divided by the distance between runs with n and m = n / 2 elements.
 
     If n is odd, m is rounded up. For errors proportional to the squared element length the ratio is
     1 / ((n/m)^2 - 1), which is 1/3 for m = n / 2. The result contains a safety factor of 1.5. For n = 1 the comparison
@@ -139,11 +139,11 @@ class Errors:
     """Parts of the error estimate for runs in the plane."""
 
     def factor(self, n: int) -> float:
-        """Return the error of a run with n elements or segments, divided by its distance from a run with n / 2."""
+        """Return the error with n elements or segments, divided by the distance between runs with n and with n / 2."""
         return HALF
 
     def other_modes(self, settings: Settings, full: int) -> tuple[Settings, float]:
-        """Return the comparison mesh (`accuracy.other_mesh`) for links reduced to modes: `full` or more segments."""
+        """Return settings with at least `full` segments, without modes, for comparison with links reduced to modes."""
         return settings.replace(segments=max(full, settings.segments or 1), elements=1), 1.0
 
     def has_stubby_link(self, arm: Arm) -> bool:
@@ -169,8 +169,8 @@ class Errors:
     def share_of_step(self, share: float, growth: Callable[[], float]) -> float:
         """Return the error due to the time step h, divided by the distance between runs with the steps h and 2 h.
 
-        share: default ratio. growth: function that returns the factor by which this distance grows if both steps are
-        doubled.
+        share: default ratio. growth: function that returns the factor by which the distance between the two runs grows
+        if the steps of both runs are doubled.
         """
         return share
 
@@ -179,10 +179,10 @@ class Errors:
         return None, True
 
     def neglected(self, apart: float, known: float) -> float:
-        """Return the error of the elastica because it neglects stretch and shear, divided by the arm's length.
+        """Return the elastica's error due to its neglect of stretch and shear, divided by the arm's length.
 
-        apart: distance from a run with reduced stiffness. known: linear estimate of the error. Both are divided by the
-        arm's length.
+        apart: distance from a run with reduced stiffness. known: linear estimate of the error. Both arguments are
+        divided by the arm's length.
         """
         return max(known, min(1.0, apart))
 
@@ -195,7 +195,7 @@ class ErrorsInSpace(Errors):
         return mesh_factor(n)
 
     def other_modes(self, settings: Settings, full: int) -> tuple[Settings, float]:
-        """Return settings with half the segments and the same number of modes."""
+        """Return settings with half as many segments and the same number of modes."""
         n = settings.segments or 1
         return settings.replace(segments=2 if n == 1 else -(-n // 2), modes=settings.modes), mesh_factor(n)
 

@@ -26,7 +26,8 @@ Memory = dict[str, Any]
 class AroundController(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """Wrapper of a single environment that adds a controller's torques to the actions.
 
-    The sum is saturated at the torque limits. The controller reads only the environment's observations.
+    The sum of the controller's and the action's torques is saturated at the torque limits. The controller reads only
+    the environment's observations.
 
     Args:
         env: an environment of this package whose actions are torques.
@@ -51,7 +52,7 @@ class AroundController(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         return self._seen, info
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Step the environment with the controller's torques plus `share` times the action (N,), clipped to [-1, 1].
+        """Step the environment with the controller's torques plus `share` times the clipped action (N,) in [-1, 1].
 
         Raises RuntimeError if `reset` has not been called.
         """

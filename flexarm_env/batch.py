@@ -115,7 +115,7 @@ class Batch:
     Attributes:
         action (n, A) float32: actions of all arms, which the caller writes before `step`.
         observation (n, O) float32, reward (n,), terminated, truncated (n,): results of the last step or start.
-        table: entries of info. Each entry has one or more rows; each arm has one column. Spare columns follow.
+        table: entries of info. Each entry has one or more rows; each arm has one column, and spare columns follow.
         sheet: the `Sheet` that owns the memory of `table` and stores the views of `table` that callers get.
         info_at: row in `table` at which each entry of `INFO` starts. request: values for the next start, in the layout
             `REQUEST`; NaN: drawn at random. address: memory address of `program`, an argument of compiled functions.
@@ -254,7 +254,7 @@ class Batch:
         return self._mine(self.layout.poses, end, i).reshape(self.arm.n_links, -1).copy()
 
     def joints(self, i: int) -> tuple[Array, Array]:
-        """Return arm i's joint angles (N,), rad, and rates (N,), rad/s; on a floating base the hub's are absolute."""
+        """Return arm i's joint angles (N,), rad, and rates, rad/s; on a floating base the hub's values are absolute."""
         return self.reading.joints(self.poses(i))
 
     # --- motion ----------------------------------------------------------------------------------
@@ -284,7 +284,7 @@ class Batch:
 
     def set_starts(self, starts: Starts) -> None:
         """Set the ranges of initial states of later episodes; running episodes continue. The call compiles another
-        program if the new ranges require it.
+        program if the new ranges require one.
         """
         anew = (starts.attainable is None) != (self.starts.attainable is None)
         self.starts, self._alone = starts, self._beside()
@@ -297,8 +297,8 @@ class Batch:
             getattr(self.program.ranges, name)[...] = getattr(ranges, name)
 
     def ask(self, angles: Array, target: Array, vibration: Array) -> None:
-        """Request a start of the next episode: joint angles (N,), rad, target (2,), vibration (1,) or (3,). NaN stands
-        for a random number. In space the target is given by joint angles (N,) at which the arm reaches it.
+        """Request that the next episode starts with joint angles (N,), rad, target (2,), and vibration (1,) or (3,).
+        NaN stands for a random number. In space the target is given by joint angles (N,) at which the arm reaches it.
         """
         asked = {"angles": angles, "target": np.full(2, np.nan), "goals": np.zeros(0)}
         asked |= {"vibration": np.resize(vibration, 3), self.task.given: target}
@@ -355,7 +355,7 @@ class Batch:
             self.set_state(i, alone.get_state(0))
 
     def alone(self) -> Batch:
-        """Return a batch with a single arm and otherwise the same data."""
+        """Return a batch of a single arm that has the same data as this batch."""
         return self._alone.get(self._one)
 
     def _beside(self) -> Beside[Batch]:

@@ -23,7 +23,7 @@ Z: Vector = (0.0, 0.0, 1.0)
 
 
 class Axes(str):
-    """Conventions for arms in the plane (this class, axes "xy") and, in a subclass, in space (axes "xyz").
+    """Conventions for arms: this class for arms in the plane (axes "xy"), a subclass for arms in space (axes "xyz").
 
     formulation: default formulation of scenes. quick_formulation: default formulation of environments and of fits.
     turns: axes of the gyroscope at the tip. rises: axes along which a camera measures the slope of the tip. measures:
@@ -41,11 +41,11 @@ class Axes(str):
         return values[joint] - (values[joint - 1] + turn if turn else values[joint - 1])
 
     def stated(self, joints: Sequence[float]) -> tuple[float, ...]:
-        """Return a scene's `angles` (rad) from joint angles (rad)."""
+        """Convert joint angles (rad) to a scene's `angles` (rad)."""
         return tuple(np.cumsum(joints).tolist())
 
     def behind_rigid_joint(self, value: float) -> float:
-        """Return a scene's angle or rate of the link after a rigid joint. value: angle or rate of the previous link."""
+        """Return a scene's angle or rate of a link with a rigid joint. value: the previous link's angle or rate."""
         return value
 
     def divides_cells(self, formulation: str) -> bool:
@@ -57,7 +57,7 @@ class Axes(str):
         return np.asarray(link.along(s).J)
 
     def check_planar(self, path: str, value: object, what: str) -> None:
-        """Raise `InvalidValue` in space. path, value, what: key path, value and rule in the message."""
+        """Raise `InvalidValue` for an arm in space. path, value, what: key path, value and rule in the message."""
 
     def table_of_gains(self, task: str) -> str:
         """Return the name of the file with the controllers' tuned gains for a task."""
@@ -133,8 +133,8 @@ def mount(path: str, value: Any) -> Matrix | None:
     Returns the rotation matrix, or None for no rotation.
 
     Raises:
-        ValueError: the value has neither form, or the matrix deviates from a rotation matrix by more than 1e-6. Smaller
-            deviations are corrected.
+        ValueError: the value is neither a matrix nor a pair of axis and angle, or the matrix deviates from a rotation
+            matrix by more than 1e-6. Smaller deviations are corrected.
     """
     if value is None:
         return None
@@ -159,7 +159,7 @@ def mount(path: str, value: Any) -> Matrix | None:
 def inertia(path: str, value: object) -> Inertia:
     """Validate a moment of inertia or an inertia tensor about a center of mass, kg m^2.
 
-    A tensor must be symmetric. Each principal moment must be at least 0 and at most the sum of the two others.
+    A tensor must be symmetric. Each principal moment must be at least 0 and at most the sum of the two other moments.
     """
     if not isinstance(value, list | tuple | np.ndarray):
         return check.number(path, value, "kg m^2", minimum=0.0)

@@ -42,8 +42,8 @@ def checked(value: object, length: float) -> Curvature:
 def check_places(key: str, places: list[float], length: float) -> float:
     """Validate positions along a link (distances from the root, m) and return the link's length.
 
-    Positions must increase from 0 to the length; two equal positions define a jump. The last is set to the exact
-    length. key: key path for error messages, with {} in place of the index.
+    Positions must increase from 0 to the length; two equal positions define a jump. The last position is set to the
+    exact length. key: key path for error messages, with {} in place of the index.
     """
     if places[0] != 0.0:
         raise check.InvalidValue(key.format(0), places[0], "must be 0, the link's root")
@@ -61,7 +61,7 @@ def check_places(key: str, places: list[float], length: float) -> float:
 
 
 def between(places: Array, s: Array, before: bool) -> tuple[NDArray[np.int64], Array]:
-    """Return for each position s the interval between points that contains s, and the place of s in it, 0 to 1.
+    """Return for each position s the interval of points around s, and the fraction (0 to 1) of the interval before s.
 
     The interval is given by the index of its first point. At a jump the function returns the interval after the jump;
     if `before` is True, the interval before the jump.
@@ -81,7 +81,8 @@ def jumps(curve: Curvature) -> tuple[float, ...]:
 
 
 def along(curve: Curvature, s: Any, before: bool = False) -> Array:
-    """Return the curvature (1/m) at positions s (m); at a jump the value after it, or before it if `before` is True."""
+    """Return the curvature (1/m) at positions s (m); at a jump the value after the jump, or, if `before` is True, the
+    value before the jump."""
     s = np.asarray(s, np.float64)
     if isinstance(curve, float):
         return np.full(s.shape, curve)

@@ -42,8 +42,8 @@ class ArmModel:
     """Linear model x' = A x + B u, y = C x of an arm about rest in a posture, reduced to its lowest modes; SI units.
 
     States x (2 n,): amplitudes of the n lowest modes (the N rigid modes first), then their rates. Inputs u are the N
-    joint torques, N m. Outputs y (4 N,): joint angles (rad), joint rates, tip deflections divided by link length, their
-    rates.
+    joint torques, N m. Outputs y (4 N,): joint angles (rad), joint rates, tip deflections divided by link length, and
+    the rates of the divided deflections.
 
     Attributes:
         A (2n, 2n), B (2n, N), C (4N, 2n): matrices of the continuous-time model.

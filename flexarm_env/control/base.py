@@ -317,11 +317,11 @@ class Controller(ABC):
     def act(self, observation: NDArray[np.floating], beside: NDArray[np.floating] | None = None) -> NDArray[np.float32]:
         """Compute saturated actions in [-1, 1], (n, N), or (N,) for one observation: torques divided by torque limits.
 
-        beside: actions of another policy, with the shape of the result, which are added before the saturation. The
-        controller advances its state estimate with the sum of both actions. Raises RuntimeError before the first
-        `reset`. Raises ValueError if the observation is not finite, or if its number of entries differs from the
-        environment's observations, or its number of rows from that in `reset`. After this error the memory is
-        unchanged.
+        beside: actions of another policy, an array with the shape of the result. The method adds these actions to the
+        controller's own actions before the saturation, and advances the state estimate with the saturated sum. Raises
+        RuntimeError before the first `reset`. Raises ValueError if the observation is not finite, has a wrong number of
+        entries, or has another number of rows than the observation in `reset`. A ValueError leaves the controller's
+        memory unchanged.
         """
         signals = self.read(observation)
         count, begun = len(signals.angles), len(self.goal)

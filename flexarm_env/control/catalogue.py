@@ -107,7 +107,8 @@ def for_arm(gains: LQRGains, setup: Setup) -> LQRGains:
 
     The weights refer to rates divided by the first flexible frequency. Let p be the product of an arm's first flexible
     frequency and the duration of the arm's fastest quarter turn. The weights are multiplied by p of the new arm and
-    divided by p of `TUNED_ON`. The weights then have the same effect in a slew of either arm.
+    divided by p of `TUNED_ON`. The adapted weights have the same effect in a slew of the new arm as the tuned weights
+    in a slew of `TUNED_ON`.
     """
     # p of the new arm divided by p of `TUNED_ON`; p: first flexible frequency times quarter-turn time
     share = _tempo(setup.arm) / _tempo(arms.named(TUNED_ON))

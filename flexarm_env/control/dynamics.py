@@ -40,9 +40,9 @@ AT_ONCE = 1024
 class Dynamics:
     """Discrete dynamics x' = f(x, u) of an arm over one control period.
 
-    x (m, S): coordinates q, then their rates. The coordinates of a link are the tangent angles at its nodes, rad. The
-    first one is the joint angle, relative to the tip of the previous link; all others are absolute angles. u (m, N):
-    torques divided by their limits, in [-1, 1].
+    x (m, S): coordinates q, then their rates. The coordinates of a link are its joint angle, relative to the previous
+    link's tip, and the absolute tangent angles at all other nodes, rad. u (m, N): torques divided by their limits, in
+    [-1, 1].
 
     arm: the arm, or its name or TOML file; rotors, gears, friction and limits of its joints are ignored. period:
     control period, s. nodes: number of nodes per link. step: longest solver step, s; None: the class attribute `step`.
@@ -100,11 +100,11 @@ class Dynamics:
         return cls(arm, period, nodes, step)
 
     def finer(self, period: float) -> "Dynamics":
-        """Return dynamics with another period and step, s; arms in the plane get twice as many nodes if possible."""
+        """Return dynamics with another period, s; in the plane with one step a period and up to twice the nodes."""
         return Dynamics(self.arm, period, max(self.nodes, min(MOST_IN_PIECE, 2 * self.nodes)), period)
 
     def in_steps(self, step: float) -> "Dynamics":
-        """Return the `Dynamics` of the same arm with another longest solver step, s, from the cache."""
+        """Return the `Dynamics` of the same arm with solver steps of at most `step`, s; results are cached."""
         return _one_for_all(self.arm, self.period, self.nodes, self.gravity, step)
 
     def advance(self, x: Array, u: Array) -> Array:
@@ -367,7 +367,7 @@ class SpatialDynamics(Dynamics):
         return np.stack([riccati(A, B, stage, R)[0] for A, B in zip(*self.jacobians(x, u), strict=True)])
 
     def begun(self, start: Array, goal: Array, periods: int) -> Array:
-        """Return the torques (T, n, N) of regulators (`homing`) as initial guess; constant torques let the arm fall."""
+        """Return torques (T, n, N) of regulators (`homing`) as initial guess; the arm falls under constant torques."""
         home, held = self.still(goal[:, self.joints])
         K, x, controls = self.homing(home, held), start, np.zeros((periods, *held.shape))
         for k in range(periods):

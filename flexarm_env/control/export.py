@@ -41,7 +41,7 @@ class Entries:
 
     @classmethod
     def of(cls, policy: NumpyPolicy) -> Entries | None:
-        """Read the entries from the policy's metadata; None for files of version 0.1, which lack them."""
+        """Read the entries from the policy's metadata; None for files of version 0.1, which lack the entries."""
         scales = policy.meta.get("scales")
         if not scales:
             return None
@@ -140,7 +140,7 @@ def c_named(text: str, name: str) -> str:
 
 
 def c_comment(lines: Iterable[str]) -> str:
-    """Format lines as a C comment, with characters escaped that could end it."""
+    """Format lines as a C comment; change character sequences that could end the comment."""
     return "\n".join(["/*", *(f" * {harmless(line)}".rstrip() for line in lines), " */"])
 
 

@@ -167,7 +167,7 @@ class WallController(Controller):
         return applied if np.ndim(observation) == 2 else applied.reshape(-1)
 
     def torques(self, signals: Signals, to_go: Array) -> Array:
-        """Raise an error, because `act` of this class calls `pressed` in place of this method."""
+        """Raise an error: the method `act` of this class calls `pressed`, never `torques`."""
         raise NotImplementedError
 
     @abstractmethod
@@ -177,8 +177,8 @@ class WallController(Controller):
     def progress(self) -> tuple[Array, Array, Array]:
         """Return three arrays (n,): progress of the approach, progress of the force's rise, end of the rise.
 
-        The progress is between 0 and 1; in the approach it is a polynomial of fifth degree in time. The third array is
-        1 after the rise of the force, and 0 before.
+        Both progresses are between 0 and 1; the progress of the approach is a polynomial of fifth degree in time. The
+        third array is 0 until the force has its full value, and 1 afterwards.
         """
         time, timing = self._periods * self.setup.control_dt, self.timing
         x, y = np.clip(time / timing.approach, 0.0, 1.0), np.clip((time - timing.approach) / timing.press, 0.0, 1.0)
@@ -255,11 +255,10 @@ class PressController(WallController):
 class HybridForce(PressController):
     """Hybrid force/position control: state feedback and integral action about the equilibrium with the tip on the wall.
 
-    In each period the controller computes joint angles and torques of a static equilibrium (`StaticChain`). In this
-    equilibrium the tip is at the reference position, and the reference force acts on the tip. The reference position
-    moves from the tip's initial position to the target; then the reference force rises. The position error along the
-    wall and the force error normal to the wall are integrated separately (Raibert & Craig 1981); both integrals shift
-    the reference.
+    In each period the controller computes joint angles and torques of a static equilibrium (`StaticChain`), in which
+    the tip is at the reference position and the reference force acts on the tip. The reference position moves from the
+    tip's initial position to the target; then the reference force rises. The position error along the wall and the
+    force error normal to the wall are integrated separately (Raibert & Craig 1981); both integrals shift the reference.
     """
 
     def __init__(self, setup: Setup, gains: ForceGains | None = None) -> None:
@@ -288,9 +287,9 @@ class Impedance(PressController):
 
     torques = holding torques + J' [K (x_d - x) + D (x_d' - x')], with the Jacobian J of the arm at rest at the
     reference (Hogan 1985, eq. 9, quasi-static). K and D are diagonal in the axes along and normal to the wall. x - x_d
-    is J times the deviation of the joint angles. Deviations of the deflections are ignored. Sensors and motors are then
-    collocated, so that the loop dissipates energy for any gains. The controller has no integral terms; friction, wall
-    and arm must therefore be known.
+    is J times the deviation of the joint angles. Deviations of the deflections are ignored. The feedback therefore uses
+    only sensors at the joints, where the motors act (collocated control), so that the loop dissipates energy for any
+    gains. The controller has no integral terms; friction, wall and arm must therefore be known.
     """
 
     def __init__(self, setup: Setup, gains: ImpedanceGains | None = None) -> None:

@@ -54,13 +54,14 @@ def controller_source(
             begins an episode.
         slew: for TimeOptimal only: angle, rad, of a slew; the file contains the plans for this slew to either side.
         elbows: range (low, high), rad, of each elbow's angle at the goal (for LQG also during the motion) for which
-            gains are tabulated. For other postures the controller uses the nearest entry. None: the full range of a
-            two-link arm.
-        targets: for an arm in space: targets (x, y, z), m. The file contains the static equilibria at these points,
-            which are searched from joint angles 0. Any other target is replaced by the nearest of these points.
-        inside: True if the file is part of another policy: NAME_act and NAME_decide then have the argument
-            `const double *beside` before the actions. This argument contains the other policy's actions, one per joint,
-            which are added before the saturation.
+            gains are tabulated. For a posture that is not tabulated the controller uses the gains of the nearest
+            tabulated posture. None: the full range of a two-link arm.
+        targets: for an arm in space: targets (x, y, z), m. The file contains the static equilibrium at each of the
+            targets; the search for an equilibrium starts from joint angles 0. The controller replaces any other target
+            by the nearest target in the file.
+        inside: True if the file is part of another policy: NAME_act and NAME_decide then have the additional argument
+            `const double *beside` before the actions. The argument `beside` contains the other policy's actions, one
+            per joint, which the controller adds to its own actions before the saturation.
     Raises:
         ValueError: the controller is MPC, which optimizes in each period, or a controller of a contact force; slew is
             missing; elbows are missing for three links or more; targets are missing for an arm in space, or the arm has

@@ -110,8 +110,8 @@ def _edge(stable: Callable[[float], bool], grid: Sequence[float] | Array) -> flo
 def pd_law(kp: Array, kd: Array) -> Law:
     """Return the matrices of PD control u = -(kp angle + kd rate) for the outputs of an `ArmModel`.
 
-    kp (N,): stiffness of each joint, N m/rad. kd (N,): damping of each joint, N m s/rad. Returns (P, Q, K, D), as in
-    `radius`, without controller states.
+    kp (N,): stiffness of each joint, N m/rad. kd (N,): damping of each joint, N m s/rad. Returns the matrices (P, Q, K,
+    D) that `radius` defines; PD control has no controller states.
     """
     n = len(kp)
     D = np.hstack([np.diag(kp), np.diag(kd), np.zeros((n, 2 * n))])
@@ -122,8 +122,8 @@ def observer_law(A: Array, B: Array, C: Array, K: Array, L: Array) -> Law:
     """Return the matrices of u = -K x^ with an observer's estimate x^.
 
     In each period the observer first corrects the estimate by L (y - C x^). The controller then computes u from the
-    estimate, and the observer predicts the next estimate, A x^ + B u. A, B, C: discrete model. Returns (P, Q, K, D), as
-    in `radius`, with the predicted estimate as the controller's states.
+    estimate, and the observer predicts the next estimate, A x^ + B u. A, B, C: discrete model. Returns the matrices (P,
+    Q, K, D) that `radius` defines; the controller's states are the predicted estimate.
     """
     # corrected estimate: (I - L C) x^ + L y
     keep = np.eye(len(A)) - L @ C

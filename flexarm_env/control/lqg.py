@@ -59,8 +59,8 @@ class LQGGains(StateWeights):
 
     Args:
         noise: standard deviation of the process noise of the joint torques, divided by the torque limit. push: standard
-            deviation, divided by the torque limit, of the process noise of forces on the links. This noise represents
-            the nonlinear effects of large motions.
+            deviation, divided by the torque limit, of the process noise of forces on the links. The noise of forces on
+            the links represents the nonlinear effects of large motions.
         drift: standard deviation of the disturbance torque's change in one control period, divided by the limit.
     """
 

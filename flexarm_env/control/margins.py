@@ -36,7 +36,8 @@ class Margins:
 def margins(setup: Setup, gains: Any) -> Margins | None:
     """Compute the margins of PD control or an LQR on the setup's arm, with motor lag but without delay.
 
-    Returns the smallest margins over all postures. For other gains, and for arms in space, the result is None.
+    Returns the smallest margins over all postures. For gains of any other controller, and for arms in space, the result
+    is None.
     """
     found, dt = [], setup.control_dt
     if not isinstance(gains, PDGains | LQRGains):
@@ -81,8 +82,8 @@ def warn_of_delay(name: str, setup: Setup, gains: Any) -> None:
 def warn_of_growth(name: str, setup: Setup, gains: Any) -> None:
     """Warn if a controller excites higher modes of an arm without damping.
 
-    The controller's model does not contain these modes, whose frequencies are high compared with the control rate. The
-    check uses all modes of the linear model. name: name of the controller.
+    The controller's model does not contain the higher modes, whose frequencies are high compared with the control rate.
+    The check uses all modes of the linear model. name: name of the controller.
     """
     arm, dt = setup.arm, setup.control_dt
     if any((arm.tau_d if link.tau_d is None else link.tau_d) for link in arm.links):
@@ -110,7 +111,7 @@ def warn_of_growth(name: str, setup: Setup, gains: Any) -> None:
 def stand_in(setup: Setup) -> LQRGains:
     """Return the gains of the LQR with which the margins of time_optimal and MPC are estimated.
 
-    These gains are the tuned gains of the LQR with which time_optimal follows its plan. MPC reacts about as fast as
-    this LQR.
+    The function returns the tuned gains of the LQR with which time_optimal follows its plan. MPC reacts about as fast
+    as an LQR with these gains.
     """
     return LQRGains(angle=10.0, rate=10.0, bend=10.0, bend_rate=10.0)

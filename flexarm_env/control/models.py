@@ -2,8 +2,8 @@
 
 A model.zip stores the network's arrays in `policy.pth`, a PyTorch archive. The archive consists of a pickle with names,
 shapes and offsets, and of files with the numbers. The class `_Arrays` creates the arrays, and replaces every other
-class in the pickle by a dummy, so that no code in the file is executed. A `vecnormalize.pkl` beside the model is read
-in the same way.
+class in the pickle by a dummy, so that no code in the file is executed. A `vecnormalize.pkl` beside the model is also
+read without executing its pickle.
 """
 
 from __future__ import annotations

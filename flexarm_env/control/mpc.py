@@ -1,15 +1,16 @@
 """Receding-horizon control (MPC): in every period plan torques for the next periods, and apply the first torque.
 
 `ilqr` plans on the elastica model, within the torque limits, from the estimated state. The cost contains the effort
-and, from a planned arrival time on, the distance from rest at the goal. Before the planned arrival the distance has no
-cost, since saturated torques would otherwise cause overshoot. The terminal cost is the cost-to-go of a linear regulator
-(LQR) at the goal. In each period the previous plan is simulated with its feedback gains from the present state, and is
-improved by one iteration. If a plan does not reach the goal at its arrival time, the arrival is postponed. At the start
-of an episode it is postponed until a plan succeeds. Later it is postponed at most by the time that an arm with other
-parameters could need. The regulator replaces the plan as soon as its torques alone satisfy the limits.
+and, from a planned arrival time on, the distance from rest at the goal. Before the planned arrival the distance from
+the goal has no cost, since saturated torques would otherwise cause overshoot. The terminal cost is the cost-to-go of a
+linear regulator (LQR) at the goal. In each period the previous plan is simulated with its feedback gains from the
+present state, and is improved by one iteration. If a plan does not reach the goal at its arrival time, the arrival is
+postponed. At the start of an episode the arrival is postponed until a plan succeeds. Later in the episode the arrival
+is postponed at most by the time that an arm with other parameters could need. The regulator replaces the plan as soon
+as its torques alone satisfy the limits.
 
 Joint angles, tip deflections and their rates are measured. The model predicts all other state variables. The predicted
-higher modes are those of the nominal arm and can be wrong for the real arm. The predicted shape of a link is therefore
+higher modes are the nominal arm's modes and can be wrong for the real arm. The predicted shape of a link is therefore
 blended with the shape of a link under a static tip force (`MPCGains.memory`).
 
 The cost also penalizes the violation of joint limits and points inside shapes to be avoided.
@@ -76,8 +77,8 @@ class MPCGains(StateWeights):
             periods for which the estimate would decay too slowly (`mpc_estimate`).
         allowed: a plan has reached the goal if the cost of the distance from the goal is below this value.
         block: number of control periods with the same planned torque, for the default control period of the
-            environment; with shorter periods a block has more periods and lasts as long. horizon: number of blocks in a
-            plan.
+            environment; if the control period is shorter, a block has more periods, so that its duration stays the
+            same. horizon: number of blocks in a plan.
         iterations: number of iLQR iterations per period. first: number of iterations for an episode's first plan.
         margin: distance that plans keep from shapes, divided by the arm's length, and from joint limits, rad.
     """

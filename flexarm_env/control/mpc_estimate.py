@@ -1,8 +1,9 @@
 """Choice of the weight of the model in the state estimate of planar receding-horizon control (`MPCGains.memory`).
 
 Near the goal the controller is the regulator u = -K (x_hat - x_goal). The estimate x_hat is a weighted mean of the
-model's prediction and of a static shape, corrected so that it has the measured outputs. Both parts are linear for small
-deviations, so the eigenvalues of the loop of arm, estimate and regulator show how fast deviations decay.
+model's prediction and of a static shape, corrected so that it has the measured outputs. For small deviations the
+prediction and the static shape are linear, so the eigenvalues of the loop of arm, estimate and regulator show how fast
+deviations decay.
 """
 
 import math
@@ -38,7 +39,7 @@ def estimate_maps(plant: Dynamics, memory: float) -> tuple[Array, Array]:
 def loop_radius(plant: Dynamics, K: Array, memory: float) -> float:
     """Return the spectral radius, per control period, of the loop of arm, estimate and regulator about rest.
 
-    K (N, S): gains of the regulator. The state of the loop has the arm's state and the predicted state.
+    K (N, S): gains of the regulator. The state of the loop consists of the arm's state and the predicted state.
     """
     A, B, C = _linear(plant)
     by_prediction, by_outputs = estimate_maps(plant, memory)
@@ -50,7 +51,8 @@ def loop_radius(plant: Dynamics, K: Array, memory: float) -> float:
 def memory_for(arm: Arm, plant: Dynamics, K: Array, memory: float) -> float:
     """Return the weight `memory` if the loop decays fast enough with it, otherwise the first of `TRIED` that suffices.
 
-    If none suffices, the weight with the fastest decay is returned, with a warning if deviations grow with it.
+    If no weight suffices, the function returns the weight with the fastest decay, and warns if deviations grow even
+    with this weight.
     """
     A, B, _ = _linear(plant)
     wanted = KEPT * math.log(_radius(A - B @ K))

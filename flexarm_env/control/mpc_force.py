@@ -6,8 +6,8 @@ regulator's cost over the torques of the next periods, subject to the motors' li
 = -K x + c the cost is the regulator's cost plus the sum of c' W c. If the regulator's torques stay within the limits, c
 = 0.
 
-If the measured force is below `LOST` times the commanded force, the tip counts as off the wall. The controller then
-applies the state feedback of an arm in free motion towards the reference.
+If the measured force is below `LOST` times the commanded force, the tip counts as off the wall. While the tip is off
+the wall, the controller applies the state feedback of an arm in free motion towards the reference.
 """
 
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ MOST = 50
 
 @dataclass(frozen=True, kw_only=True)
 class MPCForceGains(LQRForceGains):
-    """Gains of the controller `MPCForce`: those of `LQRForce`, and the horizon.
+    """Gains of the controller `MPCForce`: the gains of `LQRForce`, and the horizon.
 
     Args:
         horizon: number of control periods in which the planned torques satisfy the limits. After the horizon the plan

@@ -372,7 +372,7 @@ def follow(
             weight: weight of squared distances from the path, 1/m^2; squared torques, divided by their limits, have
             the weight 1. iterations: number of iLQR iterations.
     Returns:
-        A `Motion`. Its `missed` is the violation of the bounds, without distances from the path.
+        A `Motion`, whose `missed` is the violation of the bounds and does not include distances from the path.
     """
     start = check.array("start", start, ("n", plant.size), STATES)
     own, n = kept_by(plant, bounds, start=start), len(start)

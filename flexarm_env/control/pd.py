@@ -115,10 +115,10 @@ class PD(Controller):
 class SpatialPDGains(Gains):
     """Gains of PD control in space.
 
-    ratio: damping ratio. lag: time constant, s, of the low-pass on rates. Without this filter, feedback of the sampled
+    ratio: damping ratio. lag: time constant, s, of the low-pass on rates. Without the low-pass, feedback of the sampled
     rate of a beam's root is unstable, because the root has little inertia. rests: 1: goals are static equilibria of the
-    flexible arm. 0: goals are postures of the rigid arm, which need a hundredth of the computing time, but the sag of
-    the links remains as an error.
+    flexible arm. 0: goals are postures of the rigid arm. The computation of a posture takes a hundredth of the time of
+    an equilibrium, but the sag of the links remains as an error.
     """
 
     rate: float
@@ -162,7 +162,7 @@ class SpatialPD(AboutRest):
         return np.asarray(found[best, np.arange(len(now))])
 
     def rest_at(self, target: Array, now: Array) -> tuple[float, Array, Array]:
-        """Return target distance, joint angles and holding torques at rest; if `rests` is 0, of the rigid arm."""
+        """Return target distance, joint angles and holding torques at rest; if `rests` is 0, the arm is rigid."""
         if self.gains.rests:
             return super().rest_at(target, now)
         angles = self._rigid(target[None], now[None])

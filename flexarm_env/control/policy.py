@@ -98,8 +98,8 @@ class NumpyPolicy:
     def check(self, setup: Setup) -> NumpyPolicy:
         """Return the policy; raise ValueError if observations or actions have a different meaning than in training.
 
-        The observation of another arm can have the same entries with other scales than in training. The policy then
-        converts observations to the scales of training.
+        The observation of another arm can have the same entries with other scales than in training. If the scales
+        differ, the policy converts observations to the scales of training.
         """
         self.ratio = fitted(self.meta, setup, self.size, self.weights[-1][0].shape[1])
         return self

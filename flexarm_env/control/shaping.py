@@ -33,7 +33,7 @@ class Shaper:
     delays: tuple[float, ...]
 
     def then(self, other: Shaper) -> Shaper:
-        """Return the convolution with another shaper, which suppresses the modes of both."""
+        """Return the convolution with another shaper; the result suppresses the modes of both shapers."""
         amplitudes = np.outer(self.amplitudes, other.amplitudes).ravel()
         delays = np.add.outer(np.asarray(self.delays), np.asarray(other.delays)).ravel()
         return Shaper(tuple(amplitudes.tolist()), tuple(delays.tolist()))
@@ -64,9 +64,9 @@ def zv(frequency: float, ratio: float = 0.0) -> Shaper:
 def zvd(frequency: float, ratio: float = 0.0) -> Shaper:
     """Return the zero-vibration-derivative shaper (ZVD), which has three impulses.
 
-    If the assumed frequency has an error, the residual vibration is proportional to the square of this error. With the
-    zero-vibration shaper the residual vibration is proportional to the error. frequency: undamped frequency of the
-    mode, rad/s. ratio: damping ratio, 0 to 0.99.
+    With this shaper the residual vibration is proportional to the square of the error in the assumed frequency. With
+    the zero-vibration shaper the residual vibration is proportional to the error in the frequency. frequency: undamped
+    frequency of the mode, rad/s. ratio: damping ratio, 0 to 0.99.
     """
     # the convolution of two ZV shapers
     one = zv(frequency, ratio)
@@ -189,7 +189,7 @@ class ShapedPD(Shaped):
 
 @dataclass(frozen=True)
 class SpatialShapedGains(SpatialPDGains):
-    """Gains of PD control in space and of its shaped reference.
+    """Gains of PD control in space, and parameters of the shaped reference.
 
     effort: largest torque of the reference motion divided by the torque limit. modes: maximum number of modes that the
     shaper suppresses.

@@ -66,8 +66,9 @@ def load_policy(source: str | os.PathLike[str], env: Any = None) -> Any:
 
     Args:
         source: name of a controller, name of a policy of the package, file, run folder, or module:name.
-        env: environment or vector environment in which the policy acts, or None. A controller requires the environment.
-            The function verifies that a policy of any other form fits the environment.
+        env: environment or vector environment in which the policy acts, or None. A controller, alone or inside a
+            policy, requires the environment. For any other policy the environment is optional: if it is given, the
+            function verifies that the policy fits the environment.
     Returns:
         An object with `reset(observation)` and `act(observation)` for observations (entries,) or (n, entries).
     Raises:

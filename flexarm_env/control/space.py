@@ -38,8 +38,9 @@ def held_model(
 ) -> tuple[LinearModel, Array, Array]:
     """Linearize the flexible arm about rest at joint angles (N,), rad, with free joints and without backlash.
 
-    Returns the model, the matrix (N, S) from its states to joint angles, and the state matrix of an arm with gravity
-    compensation. This arm's joint torques compensate the rigid arm's gravity torques at the present angles.
+    Returns the model, the matrix (N, S) that maps the model's states to joint angles, and the state matrix of the arm
+    with gravity compensation. Gravity compensation means that the joint torques cancel the rigid arm's gravity torques
+    at the present angles.
     """
     # x' = A x + B u about the rest, and rows of the joint angles
     free = linearize(rest(arm.taut, gravity, angles), gauges=list(gauges))
@@ -140,7 +141,7 @@ class AboutRest(Controller):
         return best
 
     def initialise(self, signals: Signals, to_go: Array) -> None:
-        """Store the rigid arm's inertia at the goal, and the flexible minus the rigid arm's holding torques."""
+        """Store the rigid arm's inertia at the goal, and the flexible arm's holding torques minus the rigid arm's."""
         weight, self.inertia = weight_and_inertia(self.setup.arm, self.gravity, self.goal, self.bodies)
         self.torque = self.torque - weight
 

@@ -1,6 +1,6 @@
 """Control of a tip in space that slides along a wall under a commanded normal force (task "press").
 
-The controllers use a force sensor and the vector from tip to target if the observation contains them. Otherwise the
+The controllers use a force sensor and the vector from tip to target if the observation contains them; if not, the
 controllers use encoders and strain gauges. For an arm at rest, the gauge readings determine the force on the tip, and
 this force determines the arm's shape.
 """
@@ -48,7 +48,7 @@ class SpatialForceGains(Approach):
 class SpatialHybridForce(WallController):
     """Hybrid force/position control in space: PD control about the rest posture on the wall, with integral terms.
 
-    In each period the controller computes joint angles and torques of the arm at rest (`SpatialChain`). For this rest
+    In each period the controller computes joint angles and torques of the arm at rest (`SpatialChain`). In the rest
     posture the tip is at the reference position, and gravity and the reference force act on the arm. The reference
     position moves from the tip's initial position to the target; then the reference force rises. The integrated
     position error along the wall shifts the reference position; the integrated force error changes the reference force

@@ -77,14 +77,14 @@ class SpatialChain:
 
     @property
     def cells(self) -> int:
-        """Number of cells of all links together."""
+        """Total number of cells in all links."""
         return len(self.masses)
 
     def at(self, angles: Array, force: Array, curvatures: Array) -> Rest:
         """Compute one fixed-point iteration for arms at joint angles (n, N), rad, with forces (n, 3), N, on their tips.
 
         curvatures (n, cells, 3): curvatures of the cells, 1/m, from which the shape is computed. The result contains
-        new curvatures, which are computed from the moments in this shape.
+        new curvatures, which are computed from the moments along the arm with the shape of `curvatures`.
         """
         arm, n = self.arm, len(angles)
         A, r = np.broadcast_to(np.eye(3), (n, 3, 3)), np.zeros((n, 3))
@@ -135,7 +135,7 @@ class SpatialChain:
         first = np.concatenate([np.cumsum(moved[:, ::-1], axis=1)[:, ::-1], np.zeros((n, 1, 3))], axis=1)
 
         def moments(spots: list[tuple[Array, Array, int]], beyond: int) -> tuple[Array, Array]:
-            """Return vectors from the spots to the tip (n, spots, 3), m, and moments of the weight beyond them, N m."""
+            """Return vectors (n, spots, 3) from spots to tip, m, and moments of the weight beyond each spot, N m."""
             at, js = np.stack([spot[0] for spot in spots], axis=1), np.array([spot[2] for spot in spots]) + beyond
             return r[:, None] - at, cross(first[:, js] - mass[js, None] * at, self.gravity)
 

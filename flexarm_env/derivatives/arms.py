@@ -205,7 +205,7 @@ class Arms(Periods):
         self, state: Array, action: Array, state_bar: Array, observation_bar: Array, reward_bar: Array,
         step_ends: Array | None = None,
     ) -> tuple[Array, Array]:  # fmt: skip
-        """Return the derivatives of a scalar by the state (n, S) and the action (n, A) before a control period.
+        """Return a scalar's derivatives by the state (n, S) before a control period and by the period's action (n, A).
 
         state_bar (n, S), observation_bar (n, O), reward_bar (n,): derivatives of the scalar by state, observation and
         reward after the control period ("cotangents"). step_ends: attribute `step_ends` after this step, or None.

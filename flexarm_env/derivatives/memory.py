@@ -1,8 +1,9 @@
 """Observations that depend on the past: delayed or stacked observations, and readings of sensors with memory.
 
-For such observations a state contains the latest `frames` observations of E entries each, the oldest first. A delayed
-observation is the oldest stored one. A control period removes the oldest stored observation and appends a new one. The
-derivatives of the remaining observations are only moved to other rows of the Jacobian.
+If observations depend on the past, a state contains the latest `frames` observations of E entries each, the oldest
+first. A delayed observation is the oldest stored observation. A control period removes the oldest stored observation
+and appends a new observation. All other stored observations only change their places in the state, so their derivatives
+in the Jacobian are ones.
 """
 
 from typing import Any
@@ -84,7 +85,7 @@ class Memory:
 
     # --- derivatives -----------------------------------------------------------------------------
     def whole(self, moved: Array) -> Array:
-        """Extend the Jacobian of a control period by rows and columns of the stored observations.
+        """Add rows and columns for the stored observations to the Jacobian of a control period.
 
         The result has the shape (n, X + O + 1, X + A), where X includes the stored entries.
         """
@@ -108,8 +109,8 @@ class Memory:
     def vjp(self, state: Array, seen: Array) -> tuple[Array, Array, Array]:
         """Split the derivatives of a scalar by states (n, S) and observations (n, O) after a control period.
 
-        Returns the derivatives by the entries of states without stored observations, by the observations stored before
-        the period, and by the new observation's entries.
+        Returns three arrays: derivatives by the state's entries without stored observations, by the observations stored
+        before the period, and by the entries of the new observation.
         """
         own, past = self.parts(state)
         if self.frames == 0:

@@ -1,7 +1,7 @@
 """Choose the method that differentiates the control periods of a batch.
 
-The table lists transitions of an arm's state and two ways to differentiate them. Implicit differentiation uses the
-equation of a transition. Forward differentiation executes the program with dual numbers in SIMD lanes.
+The following table lists transitions of an arm's state and two ways to differentiate them. Implicit differentiation
+uses the equation of a transition. Forward differentiation executes the program with dual numbers in SIMD lanes.
 
 | transition | by its equation, forward and backward | as executed, in dual lanes |
 |---|---|---|
@@ -11,8 +11,8 @@ equation of a transition. Forward differentiation executes the program with dual
 | change of the payload | – | `integrator.impact`: a fixed number of solutions |
 | kinks of prescribed motions | – | `runtime.guided`, as in the environment |
 
-The computations between two transitions (commands, motors, observation, reward) are explicit. Dual numbers or
-`compiler.vjp_of` differentiate these computations.
+The computations between two transitions (commands, motors, observation, reward) are explicit; dual numbers or
+`compiler.vjp_of` differentiate them.
 """
 
 from typing import Any, NamedTuple

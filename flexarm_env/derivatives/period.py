@@ -107,7 +107,7 @@ class Jacobians(NamedTuple):
         return after, out[:, x : x + entries], out[:, -1]
 
     def vjp(self, state: Array, observation: Array, reward: Array) -> tuple[Array, Array]:
-        """Return the derivatives of a scalar by state and action from its derivatives by the results ("cotangents").
+        """Convert a scalar's derivatives by the results ("cotangents") to its derivatives by state and action.
 
         state (n, S), observation (n, O), reward (n,): derivatives by next state, observation and reward.
         """
@@ -173,7 +173,7 @@ class Periods:
         kept: True if states contain accelerations and torques although each period recomputes the accelerations.
         guided: pair (index, `envs.motion.Guide`) of a single arm with prescribed motion, or None for all arms.
         alone: which arms are computed one at a time, with halved steps if Newton's iteration fails: "all", "none", or
-            "failed". With "failed", as in the environment, these are the arms whose iteration failed when all arms were
+            "failed". As in the environment, "failed" selects the arms whose iteration failed when all arms were
             computed together. whole: True to include the terms of parameters that are zero in the arm, such as the
             payload's mass.
     Attributes:
@@ -315,12 +315,12 @@ class Periods:
         self, state: Array, action: Array, state_bar: Array, observation_bar: Array, reward_bar: Array,
         step_ends: Array | None = None,
     ) -> tuple[Array, Array]:  # fmt: skip
-        """Return the derivatives of a scalar by states (n, S) and actions (n, A) before a control period.
+        """Return a scalar's derivatives by states (n, S) before a control period and by the period's actions (n, A).
 
         state_bar (n, S), observation_bar (n, O), reward_bar (n,): derivatives of the scalar by state, observation and
-        reward after the control period. step_ends: attribute `step_ends` after this step, with which `vjp` need not
-        solve the steps again. If the model has kernels for this function (`backwards`), a call takes a few times as
-        long as a period. Otherwise it computes the Jacobians."""
+        reward after the control period. step_ends: attribute `step_ends` after this step, so that `vjp` need not solve
+        the steps again. If the model has kernels for this function (`backwards`), a call takes a few times as long as
+        the simulation of a period. For other models the function computes the Jacobians."""
         given = checked("state_bar", state_bar, (self.n, self.state_size))
         seen = checked("observation_bar", observation_bar, (self.n, self.observation_size))
         paid = checked("reward_bar", reward_bar, (self.n,))

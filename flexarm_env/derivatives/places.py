@@ -124,7 +124,7 @@ def _laws(model: Any) -> list[tuple[int, str, float]]:
 
 
 def laws_of(model: Any, names: tuple[str, ...]) -> tuple[list[int], list[float]]:
-    """Return indices in a state, and values, of the parameters of gears, rotors and friction.
+    """Return two lists for the parameters of gears, rotors and friction: their indices in a state, and their values.
 
     names: names of the state's entries.
     """

@@ -92,9 +92,10 @@ class Run:
     def slopes(self, neighbours: Sequence[tuple[Simulation, float, float]]) -> Array:
         """Return the derivatives of q and v by a parameter, (samples, 2, n), at the start and at the samples.
 
-        neighbours: two triples (simulation, offset, weight). In each simulation the parameter is changed by the offset.
-        The weights are the coefficients of a finite difference. For an offset e, a central difference has (a, e, 1 /
-        2e) and (b, -e, -1 / 2e); a one-sided difference has (a, e, 2 / e) and (b, 2 e, -1 / 2e).
+        neighbours: two triples (simulation, offset, weight). In each of the two simulations the parameter is changed by
+        the triple's offset. The weights are the coefficients of a finite difference. For simulations a and b and an
+        offset e, the triples of a central difference are (a, e, 1 / 2e) and (b, -e, -1 / 2e); the triples of a
+        one-sided difference are (a, e, 2 / e) and (b, 2 e, -1 / 2e).
 
         Raises:
             NotDifferentiable: the steps cannot be differentiated (`check`), or the parameter changes the structure of
@@ -140,9 +141,9 @@ class Run:
     def moved(self, other: Simulation, change: Array, places: bool = True) -> Trajectory:
         """Return the trajectory of an arm with changed parameters, to first order.
 
-        change (samples, 2, n): changes of q and v. other: Simulation of the changed arm.
-        places: True to compute tip, joints and motors from the changed q and v. All other fields are copied from this
-        run.
+        change (samples, 2, n): changes of q and v. other: Simulation of the changed arm. places: True to compute tip,
+        joints and motors from the changed q and v. All other fields are copied from the trajectory of the unchanged
+        arm.
         """
         q, v = self.trajectory.q + change[:, 0], self.trajectory.v + change[:, 1]
         found: dict[str, Any] = {}

@@ -171,8 +171,8 @@ class ConditionsInSpace(Conditions):
     def first_lost(self, arm: Arm, task: Task, begin: np.ndarray, points: np.ndarray) -> int | None:
         """Return the index of the first point (n, 3), m, at which the arm leaves its joint limits, or None.
 
-        The arm starts at the middles of the ranges `begin` (N, 2), rad. If the arm leaves its limits, `TRIED` random
-        initial angles are tested, too, and the largest index is returned.
+        The arm starts at the middles of the ranges `begin` (N, 2), rad. If the arm leaves its limits, the function also
+        tests `TRIED` random initial angles, and returns the largest of all indices.
         """
         if arm.joint_limits is None:
             return None

@@ -45,11 +45,11 @@ def framed(
 ) -> Frame:  # fmt: skip
     """Add contacts to a frame, with a time step so short that every impact lasts at least `STEPS` steps.
 
-    If the user gives no `dt`, a control period is divided into as many steps as this requires, at most `MOST_STEPS`.
-    The Newton tolerance decreases with the square of the step. The number of steps follows from the lightest and
-    softest arm that may be drawn. value: keyword `contacts`: one or several `Contact` or tables; None for no contacts.
-    task: task of the environment. duration: longest episode, s. given: the user's solver options. drawn: ranges of
-    randomized factors by name. changing: change of the payload during an episode, or None.
+    If the user gives no `dt`, a control period is divided into the number of steps that such an impact requires, at
+    most `MOST_STEPS`. The Newton tolerance decreases with the square of the step. The number of steps follows from the
+    lightest and softest arm that may be drawn. value: keyword `contacts`: one or several `Contact` or tables; None for
+    no contacts. task: task of the environment. duration: longest episode, s. given: the user's solver options. drawn:
+    ranges of randomized factors by name. changing: change of the payload during an episode, or None.
 
     Raises:
         ValueError: a contact is invalid; the message names the key path, the value and the rule.

@@ -121,7 +121,8 @@ def payload_change(frame: Frame, value: Any) -> PayloadChange | None:
 
     value: table with `time` (s), `factor` (on the nominal payload's mass and inertia) and `gripped`; or None. In the
     result the time is in control periods. The field `resting` of the result is (0,) if the gripped body is at rest
-    before the change, so that velocities jump. The field is None if the body already moves with the tip.
+    before the change; velocities then jump at the change. The field `resting` is None if the body already moves with
+    the tip.
     """
     if value is None:
         return None
@@ -138,8 +139,9 @@ def payload_change(frame: Frame, value: Any) -> PayloadChange | None:
 def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool, drawn: int) -> dict[str, Any]:
     """Return the compiled task's fields for success, turns and info whose values differ from the defaults.
 
-    success, turns: values of the environment's keywords with these names. absolute: True if target angles are absolute,
-    False if they are relative to the initial angle. drawn: index in info of the last random factor; -1 without factors.
+    success, turns: values of the environment's keywords `success` and `turns`. absolute: True if target angles are
+    absolute, False if they are relative to the initial angle. drawn: index in info of the last random factor; -1
+    without factors.
     """
     kind = frame.kind
     table = table_of("success", success, (*kind.bands, "hold", "once", "paid"))

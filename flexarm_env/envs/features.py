@@ -43,7 +43,7 @@ class Frame:
 
 
 def table_of(path: str, value: Any, keys: Sequence[str]) -> dict[str, Any]:
-    """Validate the keys of the table `value` of the keyword `path`, and return the table; {} for None."""
+    """Validate the keys of `value`, the table given for the keyword `path`; return the table, or {} for None."""
     table = {} if value is None else check.table_of(path, value)
     check.known_keys(path, table, keys)
     return table
@@ -148,7 +148,8 @@ def with_hub(arm: Arm, drawn: Any) -> tuple[Arm, float]:
     """Prepare an arm for random hub inertias; return the arm and the nominal inertia about the hub's axis, kg m^2.
 
     The random deviation from the nominal hub inertia is added to the rotor inertia of joint 0. If the base does not
-    turn, both inertias have the same effect. If joint 0 is ideal, the function adds a rotor with negligible inertia.
+    turn, the inertias of rotor and hub have the same effect. If joint 0 is ideal, the function adds a rotor with
+    negligible inertia.
     """
     if drawn is None:
         return arm, 0.0

@@ -54,9 +54,9 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     - The tip deflection is the component of (tip - root) normal to the link's tangent at its root, divided by L.
     - The tip angle is the polar angle of the tip about the hub.
 
-    `observation="measured"` replaces these entries by sensor readings. `observation=("hub_sin", ...)` selects entries
-    by name. `history=k` stacks the last k observations. [Entries of the observation](options.md#observation) lists all
-    names.
+    `observation="measured"` replaces the entries in the table by sensor readings. `observation=("hub_sin", ...)`
+    selects entries by name. `history=k` stacks the last k observations. [Entries of the
+    observation](options.md#observation) lists all names.
 
     ## Rewards
 

@@ -21,7 +21,7 @@ _HELD = {
 def with_base(arm: Arm, value: Any) -> Arm:
     """Return the arm on the floating base given by the keyword `base`, a Base or its table.
 
-    value: keyword `base`: a `Base` or a dict with its fields. If it is None, the arm is returned unchanged.
+    value: keyword `base`: a `Base` or a dict with its fields. If `value` is None, the arm is returned unchanged.
     """
     if value is None:
         return arm

@@ -31,9 +31,11 @@ def permitted(path: str, env_id: Any, env_kwargs: Any, named: str | None = None)
     """Validate the environment id and the keywords in a file, and return both.
 
     Args:
-        path: key path of the id in error messages. named: id that the user has named, which is permitted, too.
+        path: key path of the id in error messages. named: id that the user has given; this id is permitted even if it
+            belongs to another package.
     Raises:
-        ValueError: the id is neither this package's own nor `named`, or an id of this package has unknown keywords.
+        ValueError: the id belongs to another package and differs from `named`, or an id of this package has unknown
+            keywords.
     """
     keywords = check.table_of(check.joined(path, "env_kwargs"), env_kwargs)
     if named is not None and env_id == named:

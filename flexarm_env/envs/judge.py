@@ -79,13 +79,13 @@ class Judge:
 
     @property
     def slender(self) -> bool:
-        """True if the links are slender, so that small motions without shear represent the arm."""
+        """True if the links are so slender that a computation of small motions may neglect shear."""
         radii = [math.sqrt(link.rotary / link.mass) / link.length for link in self.arm.links if link.mass > 0.0]
         return max(radii, default=0.0) <= SLENDER
 
     @cached_property
     def chatters(self) -> tuple[bool, bool]:
-        """Return two flags: the PD loop sustains a vibration in at least one posture, and in every posture."""
+        """Return whether the PD loop sustains a vibration in at least one posture, and whether in every posture."""
         if self.drive.residual is None:
             return False, False
         limits = CHATTER * np.array(self.drive.limits)
@@ -242,7 +242,7 @@ class Judge:
 
 
 class Worst:
-    """Largest error estimates of the nominal arm and (multiplied by SELDOM) of the extreme randomized arms."""
+    """Largest of the error estimates for the nominal arm and, multiplied by SELDOM, for the extreme randomized arms."""
 
     def __init__(self, rules: Sequence[Judge]) -> None:
         self.rules, self.arm, self.period = rules, rules[0].arm, rules[0].period
@@ -276,7 +276,7 @@ def judge(arm: Arm, drive: Drive, period: float, stiffness: float = 1.0) -> Judg
 
 
 def worst(arm: Arm, drive: Drive, period: float, drawn: Mapping[str, tuple[float, float]]) -> Worst:
-    """Return error estimates of an arm, of the softest, and of the stiffest randomized arm (with least payload).
+    """Return error estimates of an arm, and of the softest and the stiffest (least payload) randomized arm.
 
     period: control period, s. drawn: ranges (low, high) of randomized factors by name; only the factors on EI, payload
     and torque_constant are used.

@@ -1,8 +1,8 @@
 """Vector environments whose arms have links of different lengths.
 
 All arms of a native vector environment share mesh and mass matrix, which depend on the links' lengths. Lengths can
-therefore not be randomized in each episode as other parameters can. `LengthsVectorEnv` instead combines several native
-vector environments, one for each length, into one vector environment.
+therefore not be randomized in each episode as other parameters can. For arms of different lengths, `LengthsVectorEnv`
+combines several native vector environments, one for each length, into one vector environment.
 """
 
 import dataclasses
@@ -68,7 +68,8 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
     Args:
         env_id: id of a registered environment. num_envs: number of arms, at least one for each length.
         lengths: list of factors on the links' lengths; each entry is a factor for all links, or a factor for each link.
-            Entries apply to equal numbers of arms (with differences of at most one), in the order of the arms.
+            The first entry applies to the first arms, the next entry to the following arms, and so on; the numbers of
+            arms per entry differ by at most one.
         keywords: keywords of the environment and of the vector environment (`autoreset_mode`, `threads`).
     Attributes:
         parts: the native vector environments, one for each entry of `lengths`. lengths: the argument `lengths`. plan:

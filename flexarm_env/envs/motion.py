@@ -1,7 +1,7 @@
 """Episodes with prescribed joint motions, from `reset(options={"motion": ...})`.
 
-The equations of an arm with prescribed motions differ from those of the other arms of its batch. The arm therefore has
-its own compiled program (`runtime.guided`).
+The equations of an arm with prescribed motions differ from those of the other arms of its batch. An arm with prescribed
+motions therefore has its own compiled program (`runtime.guided`).
 """
 
 import math
@@ -162,7 +162,7 @@ ANGLE = {"minimum": -FARTHEST, "maximum": FARTHEST}
 
 
 class Guide:
-    """Arm of a batch that follows prescribed motions, with its own compiled program.
+    """One arm of a batch; the arm follows prescribed motions and has its own compiled program.
 
     Args:
         scene: arm, motions and loads. settings: solver settings, with dt given. period: control period, s.
@@ -274,7 +274,7 @@ class Guide:
         return reading_of(self.scene).start_angles(self.scene, self.simulation.observe()[0])
 
     def view(self, view: View) -> View:
-        """Return the batch's `view`, with points, deflections and torques replaced by those of this arm."""
+        """Return the batch's `view` with this arm's own points, deflections and torques."""
         simulation, q = self.simulation, self.simulation.work.q
         deflection = reading_of(self.scene).bends(self.scene.arm, self.settings, view.poses, q)
         return replace(
