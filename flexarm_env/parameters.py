@@ -350,7 +350,7 @@ class Arm:
 
     @property
     def damping(self) -> tuple[float, tuple[float, ...] | None]:
-        """Largest tau_d of the links, s, and each link's tau_d divided by the largest one (None if all are equal)."""
+        """The links' largest tau_d, s, and each link's tau_d divided by the largest tau_d (None if all are equal)."""
         own = [self.tau_d if link.tau_d is None else link.tau_d for link in self.links]
         largest = max(own)
         return largest, None if min(own) == largest else tuple(tau / largest for tau in own)
@@ -372,7 +372,7 @@ class Arm:
 
     @property
     def taut(self) -> Arm:
-        """The arm without backlash. Linear models use this arm, because a gear within its backlash has no stiffness."""
+        """The arm without backlash, for linear models: a gear within its backlash has no stiffness."""
         return replace(self, joints=tuple(replace(joint, backlash=0.0) for joint in self.joints))
 
     def joint(self, k: int) -> Joint:

@@ -342,7 +342,8 @@ def stroke_widths(k: int, n: int) -> tuple[float, float]:
 
 
 def rigid_arm(chain: Sequence[Array], ends: Array) -> list[Array]:
-    """Return the links of the rigid arm at the same joint angles, as straight lines (2, 2) of the links' lengths.
+    """Return the rigid arm's links at the deformed arm's joint angles, as straight lines (2, 2) with the links'
+    lengths.
 
     chain: points of each deformed link. ends (N, 2): angles of the tangents at the links' roots and tips, rad.
     """

@@ -63,7 +63,7 @@ def amplified(estimate: float, formulation: str) -> str:
 
 
 def unsettled(period: float, estimate: float) -> str:
-    """Return a warning that the PD loop sustains a vibration; it states the tip's error and settings to change.
+    """Return a warning that the PD loop sustains a vibration, with the tip's error and settings to change.
 
     period: control period, s. estimate: error of the tip divided by the arm's length.
     """

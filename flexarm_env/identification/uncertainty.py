@@ -34,7 +34,7 @@ SMALLEST = 1e-7
 class Direction:
     """Linear combination of parameters; coefficients are scaled by the parameters' sizes, and the largest is 1.
 
-    deviation: half width of the 95 % interval of the combination, in the same units.
+    deviation: half width of the 95 % interval of this combination of scaled parameters.
     """
 
     shares: dict[str, float]

@@ -226,7 +226,8 @@ def plot_all(
             as in `plot_trajectory`.
         ending: format of the figures: png, pdf or svg.
     Returns:
-        Paths of the figures. There is no spectrum if too few samples follow the last jump or end of an input.
+        Paths of the figures. There is no spectrum if too few samples follow the last instant at which an input jumps or
+            ends.
     """
     home = Path(folder)
     paths = [
@@ -389,9 +390,9 @@ def _peaks(amplitude: Array) -> list[int]:
 def plot_campbell(found: Campbell, path: str | os.PathLike[str], title: str = "") -> Path:
     """Plot natural frequencies over spin rate, with the line of one vibration per revolution; return `path`.
 
-    Frequencies refer to the fixed frame if all of them are defined in this frame (`Campbell.at_rest`), as for a body of
-    revolution. Otherwise all frequencies refer to the frame that rotates with the arm. Marks at the bottom show the
-    spin rates at which the arm is unstable.
+    Frequencies refer to the fixed frame if every mode has a frequency in the fixed frame (`Campbell.at_rest`), as for a
+    body of revolution. If not, all frequencies refer to the frame that rotates with the arm. Marks at the bottom show
+    the spin rates at which the arm is unstable.
     """
     spins, rests = np.abs(found.spins), np.isfinite(found.at_rest).all()
     values = np.abs(found.at_rest if rests else found.frequencies)
