@@ -234,7 +234,7 @@ class Arm:
     matrix [axis]x of `hub_axis`.
 
     With the damping time `tau_d` of a link the stress is D (strain + tau_d strain rate), where D is the elastic
-    stiffness. Mode k with the natural frequency omega_k then has the damping ratio zeta_k = tau_d omega_k / 2.
+    stiffness. Due to `tau_d`, mode k with the natural frequency omega_k has the damping ratio zeta_k = tau_d omega_k/2.
     `mass_damping` is a damping force per mass and velocity. The velocity of link, elbow mass and payload is measured
     relative to the link's floating frame (Meek & Liu 1995, eq. [65]). The mass damping adds mass_damping / (2 omega_k)
     to zeta_k and requires one frame per link: the formulation "floating_frame" with segments=1 or with only modes.

@@ -68,8 +68,8 @@ class Renderer:
     """Renderer of planar arms; each call of `frame` draws one picture.
 
     Args:
-        mode: "rgb_array" returns pixels. "human" shows a window in real time; without a display it logs one warning and
-            draws nothing.
+        mode: "rgb_array" returns pixels. "human" shows a window in real time; without a display, the renderer logs one
+            warning and draws nothing.
         reach: largest distance of the tip from the root, m, which determines the scale.
         size: width and height, pixels. fps: pictures per second in the window.
         hub: True if a motor turns the root. payload: True if the tip carries a payload.

@@ -22,7 +22,7 @@ class Policy(Protocol):
         return
 
     def act(self, observation: NDArray[np.float32]) -> Any:
-        """Return actions (n, joints) for observations (n, entries); for one episode (joints,) and (entries,)."""
+        """Return actions (n, joints) for observations (n, entries); in one episode, (joints,) for (entries,)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -97,7 +97,7 @@ def tip_errors(history: History, setup: Setup) -> Array:
 
 
 def settling_band(setup: Setup, way: Array | float) -> Array:
-    """Return the largest tip error that counts as settled, m; for slews rad. way: slew angle of each episode, rad."""
+    """Return the largest tip error (m; rad for slews) that counts as settled. way: slew angle of each episode, rad."""
     if setup.task == "slew":
         return np.maximum(SLEW_BAND * np.asarray(way), SLEW_BAND_LEAST)
     return np.full(np.shape(way), REACH_BAND * setup.arm.total_length)

@@ -38,7 +38,7 @@ class Imported:
         links: names of each link's bodies in the file, joined by "+".
         joints: names of the file's joints, in the arm's order.
         root (3,): position of the first joint in the file, m; the arm's root is at the origin.
-        tip: name of the body or site at the arm's tip; empty: the last link's center of mass.
+        tip: name of the body or site at the arm's tip; "" if the tip is the last link's center of mass.
         gravity (3,): gravity in the file, m/s^2.
         left_out: features of the file that the arm lacks.
         flexible: for each link that was made flexible, the resulting changes (see `made_flexible`).

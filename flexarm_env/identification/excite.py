@@ -81,7 +81,7 @@ def excite(
             to excite; no frequency exceeds a fifth of `rate`. most_angle: largest joint rotation to either side, rad.
             most_torque: largest joint torque, N m; default: half of each joint's limit. most_deflection: largest tip
             deflection of a link, divided by the link's length.
-        drawn: number of arms with perturbed parameters; they must satisfy the bounds, too. spread: largest factor by
+        drawn: number of arms with perturbed parameters, which must also satisfy the bounds. spread: largest factor by
             which EI, tip masses, hub inertia and damping of these arms are multiplied or divided. seed: seed of phases
             and perturbed arms. options: solver options, as in `simulate`.
     Raises:

@@ -211,7 +211,7 @@ def oscillator(runs: list[Run], name: str, law: Law) -> Oscillator:
     """Fit one oscillator to the readings of an output in all runs, with each run's mean subtracted.
 
     The best of 25 frequencies from 0.3 to 30 Hz is the initial guess of a least-squares fit of log frequency and log
-    damping. name: name of the output. law: the output's `Law`, which describes its sensor.
+    damping. name: name of the output. law: the output's `Law`, which describes the sensor.
     """
     from scipy.optimize import least_squares
 

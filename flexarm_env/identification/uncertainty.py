@@ -52,7 +52,7 @@ class Uncertainty:
             parameters whose fitted value is at a bound; the intervals of these parameters are nan.
         unidentifiable: names of the parameters that the logs do not determine. directions: simultaneous changes of
             several parameters that hardly change the residuals. identifiable: for each direction, the combination of
-            the same parameters with the smallest uncertainty.
+            the direction's parameters that has the smallest uncertainty.
         noise: root mean square of the residuals, divided by the readings' standard deviation. samples: number of
             independent residuals with the same information as the correlated residuals.
     """

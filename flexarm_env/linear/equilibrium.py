@@ -5,10 +5,10 @@ tangent of the equilibrium path predicts the next equilibrium, and Newton's iter
 result is unstable or far from the prediction, the load step is halved, so that the solution stays on the same branch. A
 symmetric arm, such as a straight column above its critical load, stays on the symmetric branch, which is then unstable.
 
-Minimization: if the path ends, or if joints can turn, Newton's method minimizes the potential energy V instead. Each
-step minimizes V + s/2 |q - q_0|^2, where q_0 are the coordinates before the step and the norm is that of the mass
-matrix. The factor s decreases after each successful step, so that the last steps are plain Newton steps. The result is
-a stable equilibrium, unless the arm starts in an unstable equilibrium.
+Minimization: if the path ends, or if joints can turn, Newton's method minimizes the potential energy V. Each step
+minimizes V + s/2 |q - q_0|^2, where q_0 are the coordinates before the step and the norm is that of the mass matrix.
+The factor s decreases after each successful step, so that the last steps are plain Newton steps. The result is a stable
+equilibrium, unless the arm starts in an unstable equilibrium.
 """
 
 import warnings
