@@ -76,8 +76,7 @@ class SmallMotions:
 
 
 class SmallMotionsInSpace(SmallMotions):
-    """Linear models of small motions of an arm in space.
-    """
+    """Linear models of small motions of an arm in space."""
 
     bend, kept, ladder, trials, lanes = 1.1, 6e-3, (3.2, 6.0), 4, 8
 

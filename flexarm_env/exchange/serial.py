@@ -186,8 +186,7 @@ class _Reader:
         return found
 
     def total(self, group: list[int]) -> tuple[float, Array, Array]:
-        """Return mass, center of mass, and inertia about the center, of bodies that are fixed to each other.
-        """
+        """Return mass, center of mass, and inertia about the center, of bodies that are fixed to each other."""
         model, data = self.model, self.data
         masses = [float(model.body_mass[b]) for b in group]
         total = sum(masses)

@@ -112,8 +112,7 @@ class Source:
         }
 
     def filled(self, file: str, **more: str) -> str:
-        """Fill the template `file` with this library's values and the values in `more`; return the text.
-        """
+        """Fill the template `file` with this library's values and the values in `more`; return the text."""
         return fill(file, self.name, self._known | more)
 
     # --- the numbers ------------------------------------------------------------------------------

@@ -156,8 +156,7 @@ def _in_space(scene: Scene, settings: Settings, hold_joints: bool) -> Equilibriu
 
 
 def warn_unstable(stability: Stability, refuse: bool) -> None:
-    """Warn about an unstable equilibrium, or raise NoEquilibrium if `refuse` is True.
-    """
+    """Warn about an unstable equilibrium, or raise NoEquilibrium if `refuse` is True."""
     if not stability.stable:
         text = (
             f"the equilibrium found is unstable: a small disturbance of it grows by exp({stability.growth:.3g} t / s), "
