@@ -41,8 +41,8 @@ class GoalObservation(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         env: single environment of this package with task="reach".
         tolerance: largest distance of the tip from the target divided by L; None: the environment's bound of success.
     Raises:
-        ValueError: the environment has another task or takes no observation besides the target, or `tolerance` is not
-            positive.
+        ValueError: the environment has a task other than "reach", all its observation entries depend on the target, or
+            `tolerance` is not positive.
     """
 
     def __init__(self, env: gym.Env[Any, Any], tolerance: float | None = None) -> None:

@@ -10,9 +10,9 @@
 
 In kernels, `body_at = kernel(BODY.offsets)` is a function (first, n, elements) of integer arithmetic. The function
 returns a named tuple with the start of each field: `at = body_at(p, n, e)`, then `data[at.G + i * n + j]`; `at.end` is
-the end of the layout. `kernel(BODY.views)`, a function (flat, first, n, elements), returns slices of `flat` instead. A
-layout without sizes has `places`, a named tuple of numbers: after `AT = ELEMENT.places` in the kernel's module, `AT.G`
-in the kernel is a compiled constant.
+the end of the layout. The function `kernel(BODY.views)` has the arguments (flat, first, n, elements) and returns a
+named tuple of slices of `flat`. A layout without sizes has `places`, a named tuple of numbers: after `AT =
+ELEMENT.places` in the kernel's module, `AT.G` in the kernel is a compiled constant.
 """
 
 from __future__ import annotations

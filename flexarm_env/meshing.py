@@ -1,8 +1,8 @@
 """Division of a link into cells (elements, segments, node intervals) that end at jumps and kinks of its section.
 
-A "piece" of a link is a part between two neighboring positions of jumps or kinks. At these positions the link's section
-jumps or kinks, or its curvature jumps. The cells of a link with one piece have equal length. Otherwise cells end at the
-ends of pieces, and the number of cells per length is proportional to the density
+A "piece" of a link is a part between two neighboring positions at which the link's section jumps or kinks, or the
+link's curvature jumps. The cells of a link with one piece have equal length. Otherwise cells end at the ends of pieces,
+and the number of cells per length is proportional to the density
 
     d(s) = EI(s)^(-1/2) / int EI^(-1/2) ds + KINKED |d ln EI / ds|                  (1/m)
 
@@ -61,7 +61,10 @@ class Divisible(Protocol):
         ...
 
     def along(self, s: Array | float, before: bool = False) -> Stiffnesses:
-        """Return the section's properties at positions s, m; at a jump, those after it or, if `before`, before it."""
+        """Return the section's properties at positions s, m.
+
+        At a jump, the function returns the properties just after the jump, or just before the jump if `before`.
+        """
         ...
 
 
@@ -150,7 +153,7 @@ def ends(link: Divisible, n: int, option: str) -> Array:
 
 
 def cells_like(link: Divisible, n: int) -> int:
-    """Return the number of cells that resolve a link with jumps and kinks as well as n cells resolve a uniform link."""
+    """Return how many cells give a link with jumps and kinks the resolution that a uniform link has with n cells."""
     if len(link.breaks) == 2:
         return n
     return sum(max(1, int(np.ceil(n * piece.weight - 1e-9))) for piece in _pieces(link, True))

@@ -234,7 +234,7 @@ class Arm:
     matrix [axis]x of `hub_axis`.
 
     With the damping time `tau_d` of a link the stress is D (strain + tau_d strain rate), where D is the elastic
-    stiffness. Mode k with the natural frequency omega_k then has the damping ratio zeta_k = tau_d omega_k / 2.
+    stiffness. Due to `tau_d`, mode k with the natural frequency omega_k has the damping ratio zeta_k = tau_d omega_k/2.
     `mass_damping` is a damping force per mass and velocity. The velocity of link, elbow mass and payload is measured
     relative to the link's floating frame (Meek & Liu 1995, eq. [65]). The mass damping adds mass_damping / (2 omega_k)
     to zeta_k and requires one frame per link: the formulation "floating_frame" with segments=1 or with only modes.
@@ -350,7 +350,7 @@ class Arm:
 
     @property
     def damping(self) -> tuple[float, tuple[float, ...] | None]:
-        """Largest tau_d of the links, s, and each link's tau_d divided by the largest one (None if all are equal)."""
+        """The links' largest tau_d, s, and each link's tau_d divided by the largest tau_d (None if all are equal)."""
         own = [self.tau_d if link.tau_d is None else link.tau_d for link in self.links]
         largest = max(own)
         return largest, None if min(own) == largest else tuple(tau / largest for tau in own)
@@ -372,7 +372,7 @@ class Arm:
 
     @property
     def taut(self) -> Arm:
-        """The arm without backlash. Linear models use this arm, because a gear within its backlash has no stiffness."""
+        """The arm without backlash, for linear models: a gear within its backlash has no stiffness."""
         return replace(self, joints=tuple(replace(joint, backlash=0.0) for joint in self.joints))
 
     def joint(self, k: int) -> Joint:

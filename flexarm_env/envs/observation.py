@@ -28,7 +28,7 @@ Entries = list[tuple[str, float]]
 
 @dataclass(frozen=True)
 class Sight:
-    """Available entries of the observation, with names and scales; gauges and previous actions are the last ones.
+    """Available entries of the observation, with names and scales; gauges and previous actions are at the end.
 
     chosen (C,): indices of the selected entries, in order; None for all. instruments: sensors with noise, filter or
     delay, or None. read: number of entries that sensors measure.
@@ -53,7 +53,7 @@ class Sight:
 
 
 def checked_observation(observation: Any, history: Any) -> tuple[str | tuple[str, ...], int]:
-    """Validate the keywords `observation` and `history` as far as possible without the arm; return both."""
+    """Validate the keywords `observation` and `history` as far as possible without the arm; return their values."""
     count = check.integer("history", history, minimum=1, maximum=LONGEST_HISTORY)
     if isinstance(observation, str):
         if observation in (FULL, MEASURED):
@@ -70,9 +70,9 @@ def checked_observation(observation: Any, history: Any) -> tuple[str | tuple[str
 
 
 def sensors_of(kind: Kind, arm: Arm, observation: str | tuple[str, ...], given: Any) -> description.Sensors:
-    """Return the user's sensors; without these, the arm's sensors, unless the observation is "full".
+    """Return the user's sensors. Unless the observation is "full", the arm's sensors replace kinds that the user omits.
 
-    If observation="measured", ideal sensors replace missing sensors, and ideal encoders replace missing encoders.
+    If observation="measured", an arm without sensors has ideal sensors, and ideal encoders replace missing encoders.
     """
     own = arm.sensors
     if isinstance(given, description.Sensors):

@@ -68,8 +68,8 @@ class Renderer:
     """Renderer of planar arms; each call of `frame` draws one picture.
 
     Args:
-        mode: "rgb_array" returns pixels. "human" shows a window in real time; without a display it logs one warning and
-            draws nothing.
+        mode: "rgb_array" returns pixels. "human" shows a window in real time; without a display, the renderer logs one
+            warning and draws nothing.
         reach: largest distance of the tip from the root, m, which determines the scale.
         size: width and height, pixels. fps: pictures per second in the window.
         hub: True if a motor turns the root. payload: True if the tip carries a payload.
@@ -342,7 +342,8 @@ def stroke_widths(k: int, n: int) -> tuple[float, float]:
 
 
 def rigid_arm(chain: Sequence[Array], ends: Array) -> list[Array]:
-    """Return the links of the rigid arm at the same joint angles, as straight lines (2, 2) of the links' lengths.
+    """Return the rigid arm's links at the deformed arm's joint angles, as straight lines (2, 2) with the links'
+    lengths.
 
     chain: points of each deformed link. ends (N, 2): angles of the tangents at the links' roots and tips, rad.
     """

@@ -48,7 +48,7 @@ class Request:
     def commanded(self, batch: Batch) -> Iterator[None]:
         """Context manager: new episodes of `batch` have the requested normal force in place of a random force.
 
-        All other random numbers are the same as without this request.
+        The request does not change any other random number.
         """
         if math.isnan(self.force):
             yield

@@ -13,45 +13,46 @@ friction. The inner PD loop, or the amplifier with its back-emf, acts at control
 contains the errors of finite elements and of the time integration.
 
 Large bending increases the error by the factor G = 1 + (theta / 0.55 rad)^3, where theta is the largest angle between
-the tangents at the two ends of a link in the small motions. The factor G was fitted to the errors of random arms: at
-most 4 e_1 for theta below 0.4 rad, with medians of 2 e_1, 6 e_1 and 20 e_1 for theta of 0.8, 1.2 and 2 rad. Above theta
-= 1.6 rad the search begins with the second of `MESHES`, above 3 rad with the third.
+the tangents at the two ends of a link in the small motions. The factor G was fitted to the errors of random arms. For
+theta below 0.4 rad, these errors were at most 4 e_1. The median error was 2 e_1 for theta = 0.8 rad, 6 e_1 for 1.2 rad,
+and 20 e_1 for 2 rad. If theta exceeds 1.6 rad, the search begins with the second of `MESHES`; if theta exceeds 3 rad,
+with the third.
 
 Coulomb friction T_C adds the error e_2 = sum of T_C h t / I over the joints. If a joint reverses within a step, its
-rate afterwards has an error of up to T_C h / I (docs/theory.md, section 6). The estimate assumes that this rate error
-acts on the position for t = 1 s.
+rate afterwards has an error of up to T_C h / I (docs/theory.md, section 6). The estimate assumes that the rate has this
+error for t = 1 s.
 
 A fast rotation causes the error e_3. The exact beam in the plane has positions as coordinates, so a rotation with
 angular velocity Omega lags by the fraction kappa (Omega h)^2 (`Settings.period_error`). For this beam e_3 is kappa h^2
-times the time integral of Omega^3. All other formulations have angles as coordinates. For these e_3 is a tenth of this
-value, where Omega is the largest rate of an elbow without joint limits.
+times the time integral of Omega^3. All other formulations have angles as coordinates. For these formulations e_3 is
+kappa h^2 / 10 times the time integral of Omega^3, where Omega is the largest rate of an elbow without joint limits.
 
 With backlash, steps must resolve the contact in the gear: omega_c h must be at most 0.3 (measured). The contact has the
 angular frequency omega_c = sqrt(k (1/J + 1/I)) for a rotor of inertia J, an arm of inertia I and a gear of stiffness k.
 If the inner PD loop sustains a vibration ("chatters"), the search begins with steps that satisfy the condition for
-backlash, and trials shorten these steps.
+backlash. Trial episodes decide whether the steps are halved further.
 
-In arms of several links, errors may grow by more than the factor G. Nonlinear trial episodes (`trials`) measure this
-additional growth. The step and then the mesh are refined until the error of a trial is small. The estimate of the tip's
-error includes the error of the trial.
+In arms of several links, large motions may increase errors by more than the factor G. Nonlinear trial episodes
+(`trials`) measure the additional growth of errors. The step and then the mesh are refined until the error of a trial is
+small. The estimate of the tip's error includes the error of the trial.
 
-For elasticas with several links, let omega_3 be the angular frequency of the third vibration mode. If this mode has a
-damping ratio below 0.1, omega_3 h must be at most 0.45 (measured). With longer steps the energy of unresolved
+For elasticas with several links, let omega_3 be the angular frequency of the third vibration mode. If the third mode
+has a damping ratio below 0.1, omega_3 h must be at most 0.45 (measured). With longer steps the energy of unresolved
 vibrations may grow.
 
-In space, tau L / (E EI) must be at most 2 rad (measured) for a torque tau and E elements per link, because the rotation
-vector of an element is not unique if the element turns by pi.
+In space, tau L / (E EI) must be at most 2 rad (measured) for a torque tau and E elements per link. An element that
+turns by pi has no unique rotation vector.
 
 For steps of at most half the default step, the Newton tolerance is the default tolerance times (h / default h)^2,
-because Newton increments decrease in this proportion. In space the tolerance is also multiplied by the factor 100 I_min
-/ I_max if this factor is below 1, as for arms with light last links. I_min and I_max are the smallest and the largest
+because Newton increments are proportional to h^2. In space the tolerance is also multiplied by the factor 100 I_min /
+I_max if this factor is below 1, as for arms with light last links. I_min and I_max are the smallest and the largest
 inertia about a joint.
 
-The error bound is e = G e_1 + e_2. The default settings are kept if e <= `SmallMotions.kept` and e_3 <= `SPUN`.
-Otherwise the search looks for settings with e <= `AIM`. The error estimate is `MARGIN` G e_1 + `MARGIN_OF_FRICTION` e_2
-+ e_3, to which `Batch.estimate` adds the error due to neglected stretch and shear. With random factors, the rule also
-applies to the softest arm and to the stiffest arm with the smallest payload. The rule ignores gravity, and controllers
-other than the inner PD loop.
+The error bound is e = G e_1 + e_2. The default settings are kept if e <= `SmallMotions.kept` and e_3 <= `SPUN`. If they
+are not kept, the search looks for settings with e <= `AIM`. The error estimate is `MARGIN` G e_1 + `MARGIN_OF_FRICTION`
+e_2 + e_3, to which `Batch.estimate` adds the error due to neglected stretch and shear. With random factors, the rule
+also applies to the softest arm and to the stiffest arm with the smallest payload. The rule ignores gravity, and
+controllers other than the inner PD loop.
 """
 
 from __future__ import annotations
@@ -80,7 +81,7 @@ FRACTIONS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # divisors of the usual step tha
 
 @dataclass(frozen=True)
 class Resolution:
-    """Settings of an environment, estimated tip error due to step and mesh, and a warning for the user, or ""."""
+    """Settings of an environment, the estimated tip error due to step and mesh, and the user's warning ("": none)."""
 
     settings: Settings
     estimate: float  # tip error divided by the arm's length
@@ -92,7 +93,7 @@ def resolve(
     arm: Arm, drive: Drive, period: float, formulation: str, usual: Mapping[str, Any], given: Mapping[str, Any],
     drawn: Mapping[str, tuple[float, float]] | None = None, trial: Trial | None = None, gain: float = 0.0,
 ) -> Resolution:  # fmt: skip
-    """Choose an environment's mesh, step and Newton tolerance by the rule, except those that the user gives.
+    """Choose an environment's mesh, step and Newton tolerance by the rule; keep the values that the user gives.
 
     usual: default options of the formulation. given: the user's options. drawn: ranges (low, high) of randomized
     factors by name. period: control period, s. trial: function that runs trial episodes (`trials`), or None. gain: if

@@ -63,7 +63,7 @@ def amplified(estimate: float, formulation: str) -> str:
 
 
 def unsettled(period: float, estimate: float) -> str:
-    """Return a warning that the PD loop sustains a vibration; it states the tip's error and settings to change.
+    """Return a warning that the PD loop sustains a vibration, with the tip's error and settings to change.
 
     period: control period, s. estimate: error of the tip divided by the arm's length.
     """
@@ -81,7 +81,7 @@ def warn(sentence: str) -> None:
 
 
 def warn_of_times(arm: Arm, duration: float) -> None:
-    """Warn if the default duration, s, is shorter than `LEAST_TURNS` times the arm's fastest quarter turn."""
+    """Warn if the default duration, s, is below `LEAST_TURNS` times the time of the arm's fastest quarter turn."""
     own = timescales(arm)
     if duration < LEAST_TURNS * own.slew:
         what = f"arm {arm.name!r} takes at least {own.slew:.3g} s for a quarter turn, and an episode has {duration:g} s"

@@ -7,9 +7,9 @@ also include its position, m, and attitude, rad. The equations are
     M x'' + C x' + K x = B u,    tip = c x,    motor and joint angles = B^T x
 
 `Motion.of` assembles the matrices M, C, K and B. For the elastica the tangent angle of a link is one polynomial. For
-all other formulations the tangent angle is quadratic in each element, since the displacements of a beam element are
-cubic. `Motion.exact` advances x by a control period with the matrix exponential, `Motion.stepped` with the integrator's
-steps.
+every formulation except the elastica, the tangent angle is quadratic in each element, since the displacements of a beam
+element are cubic. `Motion.exact` advances x by a control period with the matrix exponential, `Motion.stepped` with the
+integrator's steps.
 """
 
 from __future__ import annotations
@@ -281,7 +281,7 @@ class Drive:
 
     @classmethod
     def of(cls, arm: Arm, mode: str, share: float | None, amplifier: Amplifier | None) -> Drive:
-        """Return the drive for an environment's action mode, share of the residual torque, and amplifier (or None)."""
+        """Return the drive that an environment has with an action mode, a residual share and an amplifier (or None)."""
         limits = arm.torque_limits
         assert limits is not None
         if amplifier is not None:

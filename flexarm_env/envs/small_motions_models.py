@@ -1,6 +1,7 @@
 """Linear models of small motions in the plane and in space, and their constants, behind one interface.
 
-The modules `judge`, `resolution` and `trials` use the constants, which were fitted to simulations of random arms.
+The constants were fitted to simulations of random arms. The modules `judge`, `resolution` and `trials` use the
+constants.
 """
 
 from __future__ import annotations
@@ -29,10 +30,10 @@ class SmallMotions:
 
     Attributes:
         bend: reference angle, rad, in the factor G = 1 + (theta / bend)^3 (`Judge.gain`). kept: largest error of the
-            default settings, divided by the arm's length, with which the default settings are used. ladder: two angles,
-            rad. If theta exceeds the first angle, the search for a mesh begins with the second mesh. If theta exceeds
-            the second angle, the search begins with the third mesh. trials: largest number of settings that are tested
-            in trial episodes. lanes: number of trial episodes of the nominal arm.
+            default settings, divided by the arm's length, with which the default settings are used. ladder: two bounds
+            of the bending angle theta, rad. If theta exceeds the first bound, the search for a mesh begins with the
+            second mesh. If theta exceeds the second bound, the search begins with the third mesh. trials: largest
+            number of settings that are tested in trial episodes. lanes: number of trial episodes of the nominal arm.
     """
 
     bend, kept, ladder, trials, lanes = 0.55, 5e-3, (1.6, 3.0), 6, 16
@@ -75,8 +76,7 @@ class SmallMotions:
 
 
 class SmallMotionsInSpace(SmallMotions):
-    """Linear models of small motions of an arm in space.
-    """
+    """Linear models of small motions of an arm in space."""
 
     bend, kept, ladder, trials, lanes = 1.1, 6e-3, (3.2, 6.0), 4, 8
 

@@ -2,8 +2,8 @@
 
 Links consist of beam elements with cubic displacements in both planes, linear stretch and linear twist. The coordinates
 are the joint angles (rad), and displacement (m) and rotation (rad) of each element's far end in inertial axes. For each
-section, a matrix (6, n) maps the coordinates to its displacement and rotation. Only the KEPT lowest modes of the arm
-are used.
+section, a matrix (6, n) maps the coordinates to the section's displacement and rotation. Only the KEPT lowest modes of
+the arm are used.
 """
 
 from __future__ import annotations

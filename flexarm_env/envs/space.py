@@ -96,8 +96,8 @@ class Place(Target):
     def narrowed(self, ranges: list[Pair], options: Mapping[str, Any], arm: Arm, path: str) -> list[Pair]:
         """Narrow the default ranges about their middles if joint limits exclude some of the paths; warn if so.
 
-        The widths are multiplied by the largest factor in `SHARES` with which all paths fit. If no factor suffices,
-        `InvalidValue` is raised. Ranges that the user gives are not changed.
+        The widths of the ranges are multiplied by the largest factor in `SHARES` with which `check_ranges` accepts all
+        paths. If no factor suffices, `InvalidValue` is raised. Ranges that the user gives are not changed.
         """
         names = [name for name, _ in self.paths[path]]
         free = [name in ("distance", "radius", "bearing", "elevation") and name not in options for name in names]
@@ -120,8 +120,8 @@ class Place(Target):
     def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
         """Raise `InvalidValue` if a path of the ranges leaves the reach or the joint limits.
 
-        The check evaluates paths at the middles and ends of the ranges. On a circle it samples several points, on a
-        straight path only the point nearest to the root.
+        The function evaluates paths at the middles and ends of the ranges. It samples several points of a circular
+        path, but only the point of a straight path that is nearest to the root.
         """
         distance, _, (_, radius), *turns = ranges
         bearing, elevation = (np.linspace(*pair, 5) for pair in turns)

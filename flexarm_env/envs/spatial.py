@@ -22,10 +22,10 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     formulation "floating_frame" is available, too.
 
     The default arm, `three_dof` (after shamilmamedov/flexible_arm), has three links. The first link is a rigid column
-    of 0.15 m, which turns about the vertical z axis (yaw). The two other links are steel strips of 0.5 m length, 50 mm
-    width and 2 mm thickness, which turn about horizontal axes at shoulder and elbow (pitch). At joint angles 0 the arm
-    is upright. `three_dof` has no payload; the arm `three_dof_loaded` carries 0.1 kg. L, the sum of the lengths, is
-    1.15 m.
+    of 0.15 m, which turns about the vertical z axis (yaw). The second and the third link are steel strips of 0.5 m
+    length, 50 mm width and 2 mm thickness, which turn about horizontal axes at shoulder and elbow (pitch). At joint
+    angles 0 the arm is upright. `three_dof` has no payload; the arm `three_dof_loaded` carries 0.1 kg. L, the sum of
+    the lengths, is 1.15 m.
 
     `gymnasium.make("SpatialFlexArm-v0")` creates one arm. `gymnasium.make_vec("SpatialFlexArm-v0", num_envs=n)` creates
     n arms that one compiled call advances. Each arm gives bitwise the same results as the single environment. The id
@@ -54,8 +54,8 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     | | vector from tip to target, x, y, z | 0.5 L | m |
 
     - w_k = sqrt(tau_k pi/2 / I_k). tau_k is the torque limit of joint k. I_k is the inertia about joint k of all links
-      from this joint to the tip, if they are straight and at a right angle to the joint's axis. For the default arm
-      w_0 = 8.518, w_1 = 7.738 and w_2 = 21.887 rad/s.
+      from joint k to the tip, for straight links at a right angle to the joint's axis. For the default arm w_0 = 8.518,
+      w_1 = 7.738 and w_2 = 21.887 rad/s.
     - The last six entries are components along the axes of the root of link 0, which turn with the first joint.
     - The deflections of a link are the components of (tip - root) along the y and z axes of the link's root. The twist
       of a link is the x component of the rotation vector from the axes of the link's root to the axes of the link's
@@ -73,16 +73,16 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
 
     ## Starting state
 
-    The arm is at rest with straight, stress-free links. In half of the episodes all joint angles are 0. In the other
-    half the joint angles are random: the first between -1 and 1 rad, all others between -3.6/N and 3.6/N rad. The
-    target is the tip's position of the rigid arm at other random joint angles: the first between -2 pi/3 and 2 pi/3
-    rad, all others between -3.6/N and 3.6/N rad. All distributions are uniform, within the joint limits. A target is
-    drawn again if the motors cannot hold the arm there.
+    The arm is at rest with straight, stress-free links. In half of the episodes all joint angles are 0. In all other
+    episodes the joint angles are random: the first between -1 and 1 rad, all others between -3.6/N and 3.6/N rad. The
+    target is the position of the rigid arm's tip at a second set of random joint angles: the first between -2 pi/3 and
+    2 pi/3 rad, all others between -3.6/N and 3.6/N rad. All distributions are uniform, within the joint limits. A
+    target is drawn again if the motors cannot hold the arm there.
 
     ## Episode end
 
-    - Truncation: an episode is truncated after `duration` (5 s, rounded down to whole control periods), after
-      `max_episode_steps` if this is earlier, or at the end of a prescribed motion.
+    - Truncation: an episode is truncated after `duration` (5 s, rounded down to whole control periods) or
+      `max_episode_steps`, whichever is earlier, or at the end of a prescribed motion.
     - Termination: an episode is terminated only by a failure, with `info["termination_reason"]` as in FlexibleArm-v0.
     - Success does not end an episode. `info["is_success"]` is true if, during the last 0.5 s, the tip was within 0.01 L
       of the target and its speed (with task="track" relative to the target) was below 0.05 L/s.

@@ -34,8 +34,8 @@ class ArmSpec(EnvSpec):
     """EnvSpec whose `max_episode_steps` is the number of control periods in the environment's `duration`.
 
     Wrappers read the length of an episode from `max_episode_steps`. The environment truncates its episodes itself. If
-    Gymnasium creates an environment from this spec, the spec passes the limit that the user gave, or None. A TimeLimit
-    wrapper then cannot end episodes too early if the new environment has a longer `duration`.
+    Gymnasium creates an environment from this spec, the spec passes the user's limit, or None if the user gave no
+    limit. With None, no TimeLimit wrapper can end episodes too early if the new environment has a longer `duration`.
     """
 
     given: int | None = None
@@ -108,7 +108,7 @@ class Specified:
     def starts(self) -> Any:
         """Ranges of initial states and targets, in the form of the keyword `starts`; {} for the default ranges.
 
-        You can set the attribute at any time, for example in a curriculum; it applies from the next reset on.
+        You can set the attribute at any time, for example in a curriculum; new ranges apply from the next reset on.
         """
         return self._starts or {}
 

@@ -163,7 +163,7 @@ class Angle(Target):
         return float(sum(angles)), 0.0
 
     def start_ranges(self, arm: Arm, value: Any) -> list[Pair]:
-        """Return the range of the angle (rad) and an unused range."""
+        """Return the range of the target angle (rad), and the unused range (0, 0)."""
         return [check.limits("starts.target", value, "rad", **ANGLE), (0.0, 0.0)]
 
     def place(self, arm: Arm, target: Array) -> Array:

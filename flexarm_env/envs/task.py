@@ -77,8 +77,8 @@ class Kind:
     gravity: default gravity, m/s^2. settings: default settings of exact beams; None for the usual default formulation.
     formulations: formulations and presets that arms of these axes have in environments. conditions: conditions on drawn
     targets and paths. vibrate: function of an arm, settings and gravity that returns the modes of `initial_vibration`.
-    amplitudes: number of these modes. sensors: function that returns the sensors of "measured" observations for an arm
-    without sensors.
+    amplitudes: number of modes that `vibrate` returns. sensors: function that returns the sensors of "measured"
+    observations for an arm without sensors.
     """
 
     id: str
@@ -392,15 +392,15 @@ RULES = (1, 2)
 def reward_weights(
     kind: Kind, chosen: Mapping[str, float] | None, joints: int, period: float, limit: int, rules: int
 ) -> Array:
-    """Return the reward weights for one control period: those in `chosen`, and defaults for the other terms.
+    """Return the reward weights for one control period: the weights in `chosen`, and defaults for all other terms.
 
     With rules 2 the terms distance and attitude are rewards: a bound minus the loss (`tasks.task.left_of`). Default
     weights refer to the task's default control period. For another period all weights except that of failure are
     proportional to the period, so that an episode's return does not depend on it. The default weight of the term
-    failure is a sum of two parts. The first part is the largest loss by all other terms in an episode, so that an early
-    end is never an advantage. The second part is the largest reward in the time `HOLD_TIME`, so that policies learn to
-    avoid the joint limits. With rules 1 the terms distance and attitude are losses of at most 1, weights do not depend
-    on the period, and the weight of failure is the task's default.
+    failure is the sum of two amounts: the largest loss by all other terms in an episode, and the largest reward in the
+    time `HOLD_TIME`. The first amount ensures that an early end is never an advantage. Because of the second amount,
+    policies learn to avoid the joint limits. With rules 1 the terms distance and attitude are losses of at most 1,
+    weights do not depend on the period, and the weight of failure is the task's default.
 
     joints: number of joints. period: control period, s. limit: number of control periods in an episode.
     """
@@ -420,8 +420,8 @@ def reward_weights(
 def most_lost(weights: Mapping[str, float], joints: int) -> float:
     """Return the largest loss in a control period by all reward terms except failure.
 
-    The largest losses by single terms, before weighting, are 1 per joint for effort, 4 per joint for change, 0 for
-    terms that are never negative, and 1 for all others.
+    Before weighting, the largest loss by a term is 1 per joint for effort, 4 per joint for change, 0 for terms that are
+    never negative, and 1 for every other term.
     """
     largest = {**dict.fromkeys(PAYING, 0.0), "effort": joints, CHANGE: 4.0 * joints}
     return float(sum(largest.get(name, 1.0) * weight for name, weight in weights.items()))

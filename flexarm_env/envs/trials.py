@@ -5,8 +5,9 @@ of 100 control periods in steps of h and of h/2, with bang-bang torques that are
 
     d    be the largest distance between the tips in the two simulations, divided by the arm's length L, or infinite if
          a simulation fails,
-    d_1  the same distance in small motions, plus the Newton tolerance,
-    e_1  the error of small motions due to step and mesh (`resolution`).
+    d_1  be the largest distance between the tips of small motions in steps of h and of h/2, divided by L, plus the
+         Newton tolerance,
+    e_1  be the error of small motions due to step and mesh (`resolution`).
 
 The factor d / d_1 measures the amplification of errors, and the error of the trial is max(d, e_1 d / d_1). If the
 factor d / d_1 exceeds `GROWN`, settings must also satisfy a second condition: on the next finer mesh in steps of h/2,
@@ -81,7 +82,7 @@ _kept: dict[Any, Trial] = {}
 
 @lru_cache(1)
 def shipped() -> frozenset[Arm]:
-    """Return the arms of the package, which have the default settings and whose trials were run in advance."""
+    """Return the arms of the package; they have the default settings, and their trials were run in advance."""
     return frozenset(arms.named(name) for name in arms.names())
 
 
@@ -105,13 +106,13 @@ MILD = {"EI": (0.5, math.inf), "payload": (0.0, 2.0), "torque_constant": (0.0, 1
 
 
 def is_known(arm: Arm, drawn: Mapping[str, tuple[float, float]]) -> bool:
-    """Return whether no trial is needed: the package contains the arm, and random factors are within `MILD`."""
+    """Return True if no trial is needed, because the package contains the arm and random factors are within `MILD`."""
     mild = all(low <= drawn[name][0] and drawn[name][1] <= high for name, (low, high) in MILD.items() if name in drawn)
     return mild and arm in shipped()
 
 
 def amplification(arm: Arm, formulation: str) -> float:
-    """Return the entry of `AMPLIFICATIONS` for an arm of the package; 0 if there is none."""
+    """Return the arm's entry in `AMPLIFICATIONS`, or 0 if the arm has no entry."""
     return next((x for (name, own), x in AMPLIFICATIONS.items() if own == formulation and arms.named(name) == arm), 0.0)
 
 
@@ -143,7 +144,7 @@ def trials_of(
         return np.concatenate(parts, axis=1)
 
     def episodes(settings: Settings, lanes: int, factors: Mapping[str, float]) -> Array:
-        """Run `lanes` episodes of bang-bang torques with given settings, and factors by name on nominal values.
+        """Run `lanes` episodes of bang-bang torques. factors: by name, factors on the arm's nominal values.
 
         Returns the tip positions (PERIODS, lanes, 2 or 3), m; nan after an episode's end, inf in the period of a
         failure.
@@ -181,7 +182,7 @@ def trials_of(
 
 
 def corners(drawn: Mapping[str, tuple[float, float]]) -> list[dict[str, float]]:
-    """Return the factors of the softest and the stiffest randomized arm; [] if both are the nominal arm.
+    """Return the factors of the softest and the stiffest randomized arm; omit an arm that equals the nominal arm.
 
     drawn: ranges (low, high) of random factors by name (`starts.FACTORS`).
     """
@@ -227,8 +228,7 @@ def _apart(one: Array, two: Array, length: float) -> float:
 def error(trial: Trial, rule: Rule, settings: Settings, finer: Settings, length: float) -> tuple[float, float]:
     """Return the error max(d, e_1 d / d_1) of a trial, divided by the arm's length, and the factor d / d_1.
 
-    The description of the module defines d, d_1 and e_1. finer: the settings with half the step. length: length of the
-    arm, m.
+    The module's docstring defines d, d_1 and e_1. finer: the settings with half the step. length: length of the arm, m.
     """
     assert settings.dt is not None
     apart = _apart(trial(settings), trial(finer), length)
@@ -240,7 +240,7 @@ def refined(
     trial: Trial, rule: Rule, first: Settings, meshes: Sequence[Settings], at: Callable[[Settings, float], Settings],
     least: float, length: float, most: int,
 ) -> tuple[Settings, float]:  # fmt: skip
-    """Search for settings with a trial error of at most `TRIED`; return them, or the best ones, and their error.
+    """Search for settings with a trial error of at most `TRIED`; return the best settings found, and their error.
 
     The search begins with `first`. The error is divided by the arm's length. meshes: settings with finer meshes, from
     the coarsest. at: function of (settings, step, s) that returns the settings with this step and a suitable Newton
@@ -287,11 +287,11 @@ def settled(
     trial: Trial, settings: Settings, finer: Settings, at: Callable[[Settings, float], Settings], least: float,
     length: float,
 ) -> tuple[Settings, float]:  # fmt: skip
-    """Halve the step until episodes agree with episodes on a finer mesh in half the step; return settings and distance.
+    """Halve the step until episodes change little with half the step and a finer mesh; return settings and distance.
 
     The distance is the largest distance between the tips in the two episodes, divided by the arm's length. The search
-    ends if this distance is at most `TRIED`, or if the step would be shorter than `least`, s. finer: settings with the
-    finer mesh. at: function of (settings, step, s), see `refined`. length: length of the arm, m.
+    ends if the distance is at most `TRIED`, or if the next step would be shorter than `least`, s. finer: settings with
+    the finer mesh. at: function of (settings, step, s), see `refined`. length: length of the arm, m.
     """
     best, chosen = settings, math.inf
     while True:

@@ -21,10 +21,10 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     exact beams.
 
     The default arm, `de_luca_siciliano` (De Luca & Siciliano 1991), has two links of 0.5 m with 0.2 kg/m and EI = 1 N
-    m^2. The hub has an inertia of 0.1 kg m^2. The elbow motor has a mass of 1 kg and an inertia of 0.1 kg m^2, half of
-    which moves with link 1 and half with link 2. The payload has a mass of 0.1 kg and an inertia of 5e-4 kg m^2. The
-    damping time constant tau_d = 6.63e-3 s gives a damping ratio of one percent at 0.48 Hz, the first natural frequency
-    of link 1. L, the sum of the lengths, is 1 m.
+    m^2. The hub has an inertia of 0.1 kg m^2. The elbow motor has a mass of 1 kg and an inertia of 0.1 kg m^2. One half
+    of the inertia moves with link 1, the other half with link 2. The payload has a mass of 0.1 kg and an inertia of
+    5e-4 kg m^2. The damping time constant tau_d = 6.63e-3 s gives a damping ratio of one percent at 0.48 Hz, the first
+    natural frequency of link 1. L, the sum of the lengths, is 1 m.
 
     `gymnasium.make("TwoLinkFlexArm-v0")` creates one arm. `gymnasium.make_vec("TwoLinkFlexArm-v0", num_envs=n)` creates
     n arms that one compiled call advances. Each arm gives bitwise the same results as a single arm. The id
@@ -97,8 +97,8 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
 
     ## Episode end
 
-    - Truncation: an episode is truncated after `duration` (8 s, rounded down to whole control periods), after
-      `max_episode_steps` if this is earlier, or at the end of a prescribed motion.
+    - Truncation: an episode is truncated after `duration` (8 s, rounded down to whole control periods) or
+      `max_episode_steps`, whichever is earlier, or at the end of a prescribed motion.
     - Termination: an episode is terminated only by a failure, with a reason as in FlexibleArm-v0. The reason
       `joint_limit` means that the elbow angle is beyond +-2.8 rad.
     - Success does not end an episode. `info["is_success"]` is true if, during the last 0.5 s, the tip was within 0.01 L
@@ -120,7 +120,8 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     | `duration` | 8.0 | length of an episode, s |
     | `task` | "reach" | or "track": moving target; "replay": prescribed motion; "press", "land": see options |
 
-    The [options page](options.md#all-arguments) has all arguments, and the differences for two links and more.
+    The [options page](options.md#all-arguments) describes all arguments and the differences for arms with two or more
+    links.
 
     ## Version history
 

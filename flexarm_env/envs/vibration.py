@@ -28,9 +28,9 @@ def shake(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None) -> Ar
     """Return the matrix S (n, 1 + 3 N) of initial rates v = S (1, alpha_k, cos alpha_k, sin alpha_k) in the first mode.
 
     The links are straight at absolute angles alpha_k. The amplitude is such that, without damping and to first order,
-    the first link's tip would deflect by the link's length. All rates are those of the straight arm's mode, in axes
-    that turn with the link. S contains rates of angles, of tips, and of points within a link relative to the link's
-    root.
+    the first link's tip would deflect by the link's length. For all angles alpha_k, each link has the rates of the
+    straight arm's mode, in axes that turn with the link. S is computed from rates of angles, and from velocities of
+    tips and of points within a link, each relative to the link's root.
     """
     assert settings.dt is not None
     arm, count = arm.taut, arm.n_links
@@ -90,10 +90,10 @@ def swing(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None = None
 
     The first n rows are rates for `protocol.set_joint_configuration`. The next row is the energy, J, for an amplitude
     of 1. The last row is (c, 0, 0), where c (s^2) is much larger than 1 / w^2 for every natural frequency w (rad/s).
-    The modes are computed about straight links at joint angles 0, without gravity. A mode belongs to y bending, z
-    bending or torsion if this deformation has most of the mode's strain energy. If no mode belongs to one of the three
-    deformations, the rates in its column are 0. All three columns have the same energy. With this
-    energy, to first order, a tip would deflect by its link's length in the softer bending direction.
+    The modes are computed about straight links at joint angles 0, without gravity. A mode belongs to the deformation (y
+    bending, z bending or torsion) that has the largest part of the mode's strain energy. If no mode belongs to a
+    deformation, the rates in the deformation's column are 0. The three columns have equal energies. To first order,
+    this energy would deflect a tip by its link's length in the softer bending direction.
     """
     assert settings.dt is not None
     arm = arm.taut

@@ -41,7 +41,7 @@ def pictures(
     """Yield the pictures of a run at intervals of speed / fps seconds, each from the nearest recorded instant.
 
     Args:
-        trajectory: a run. If the run was recorded with sample = speed / fps, the film shows each instant once.
+        trajectory: a run. The film shows each instant once if the run was simulated with sample = speed / fps.
         fps: pictures per second. speed: seconds of the run per second of the film. size: width and height, pixels.
         mode: "rgb_array" yields (height, width, 3) uint8; "human" shows them in a window and yields nothing.
     Raises:

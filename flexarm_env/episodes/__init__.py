@@ -5,7 +5,8 @@
     play(env, policy, range(10_000, 10_000 + env.num_envs), [history])
     measures.returns(history), measures.settling_time(history, control.Setup.of(env))
 
-Suite, evaluation, tuning, films, `flexarm play` and replays all run policies by `play` or its generator `periods`.
+Suite, evaluation, tuning, films, `flexarm play` and replays run all policies with `play` or with the generator
+`periods`, which `play` calls.
 """
 
 from .history import History

@@ -109,7 +109,9 @@ class History:
         return np.asarray(self._array("terminated").any(axis=0), np.bool_)
 
     def info(self, name: str) -> NDArray[Any]:
-        """Return an entry of `info`, (T + 1, n, ...), with the start in row 0. Raises ValueError if it is missing."""
+        """Return an entry of `info`, (T + 1, n, ...), with the start in row 0. An entry that was not recorded raises
+        ValueError.
+        """
         return self._array(f"info.{name}")
 
     def has(self, name: str) -> bool:

@@ -13,16 +13,16 @@ from .. import validation as check
 class Policy(Protocol):
     """Interface of a policy for one episode, or for n episodes that begin together.
 
-    `reset` is called with the first observations. `act` is then called with the observations of each period, including
-    the first observations.
+    `reset` is called with the first observations. After `reset`, `act` is called with the observations of each period,
+    including the first observations.
     """
 
     def reset(self, observation: NDArray[np.float32]) -> Any:
-        """Begin episodes with these first observations; a policy without memory does nothing."""
+        """Begin episodes with the given first observations; this default, for policies without memory, does nothing."""
         return
 
     def act(self, observation: NDArray[np.float32]) -> Any:
-        """Return actions (n, joints) for observations (n, entries); for one episode (joints,) and (entries,)."""
+        """Return actions (n, joints) for observations (n, entries); in one episode, (joints,) for (entries,)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +59,7 @@ def periods(
     """Run one episode for each seed; yield an `Instant` at the start of each episode and after each control period.
 
     A single environment runs one episode after the other. A vector environment of n arms runs n episodes together until
-    all of them have ended; `Instant.running` is False for episodes that have ended before.
+    all of them have ended; `Instant.running` is False for episodes that have already ended.
 
     Args:
         env: the environment, with or without wrappers. A vector environment must have the autoreset mode "NextStep",
@@ -144,7 +144,7 @@ class Timed(Policy):
         self.seconds: list[float] = []
 
     def reset(self, observation: NDArray[np.float32]) -> None:
-        """Reset the policy; the duration is not measured."""
+        """Reset the policy, without measuring the duration."""
         self.policy.reset(observation)
 
     def act(self, observation: NDArray[np.float32]) -> Any:

@@ -1,6 +1,6 @@
 """Measures of recorded episodes: one value per episode, from a `History`.
 
-The page docs/measures.md lists these measures. The argument `setup` contains data of the environment and is created by
+The page docs/measures.md lists the measures. The argument `setup` contains data of the environment and is created by
 `control.Setup.of(env)`. Each docstring names the entries of `info` that the history must contain.
 """
 
@@ -97,7 +97,7 @@ def tip_errors(history: History, setup: Setup) -> Array:
 
 
 def settling_band(setup: Setup, way: Array | float) -> Array:
-    """Return the largest tip error that counts as settled, m; for slews rad. way: slew angle of each episode, rad."""
+    """Return the largest tip error (m; rad for slews) that counts as settled. way: slew angle of each episode, rad."""
     if setup.task == "slew":
         return np.maximum(SLEW_BAND * np.asarray(way), SLEW_BAND_LEAST)
     return np.full(np.shape(way), REACH_BAND * setup.arm.total_length)
@@ -106,9 +106,9 @@ def settling_band(setup: Setup, way: Array | float) -> Array:
 def settling_time(history: History, setup: Setup) -> tuple[Array, NDArray[np.bool_]]:
     """Return settling times (n,), s, and flags (n,) that are True for episodes that settled.
 
-    After the settling time the tip error does not exceed `settling_band` until the end of the episode. For an episode
-    that does not settle, or is terminated early, the time is the full duration of T periods. The history must contain
-    the tip's position (`TIP`).
+    From the settling time to the end of the episode, the tip error does not exceed `settling_band`. If an episode does
+    not settle or is terminated early, its settling time is the full duration of T periods. The history must contain the
+    tip's position (`TIP`).
     """
     errors = np.linalg.norm(tip_errors(history, setup), axis=2)
     steps = len(errors) - 1
@@ -123,7 +123,8 @@ def settling_time(history: History, setup: Setup) -> tuple[Array, NDArray[np.boo
 def overshoot(history: History, setup: Setup) -> Array:
     """Return the overshoot (n,): the tip's largest distance beyond the target, divided by the initial error.
 
-    The distance is measured in the direction of the initial error. The history must contain the tip's position (`TIP`).
+    The distance beyond the target is measured along the initial error. The history must contain the tip's position
+    (`TIP`).
     """
     misses = tip_errors(history, setup)
     way = np.linalg.norm(misses[0], axis=1)

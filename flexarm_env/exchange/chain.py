@@ -1,10 +1,11 @@
 """Approximate an arm by a serial chain of rigid bodies that hinges connect.
 
-Some hinges are the arm's joints. Other hinges carry springs, which represent the bending and torsion of flexible links:
-a flexible link becomes several rigid bodies with springs between them. The spring at the arc length s_i has the
+Some hinges are the arm's joints. All other hinges carry springs, which represent the bending and torsion of flexible
+links: a flexible link becomes several rigid bodies with springs between them. The spring at the arc length s_i has the
 compliance of a cell of the link, 1 / k_i = integral of ds / EI over the cell. If the s_i are Gauss points and the
-lengths of the cells are the weights w_i, the stiffness is k_i = EI(s_i) / w_i. Two springs in each interval with smooth
-EI then give the exact compliance of the tip under tip loads. The chain neglects stretch and shear of the links.
+lengths of the cells are the weights w_i, the stiffness is k_i = EI(s_i) / w_i. With this stiffness, two springs in each
+interval of smooth EI give the exact compliance of the tip under tip loads. The chain neglects stretch and shear of the
+links.
 """
 
 from __future__ import annotations
@@ -130,8 +131,8 @@ def chain_of(arm: Arm, segments: int = 4, placement: str = "gauss") -> Chain:
             bodies); 0 makes all links rigid.
         placement: positions of the springs. "gauss": at the Gauss points of each interval with smooth EI. "middle": in
             the middle of cells of equal length. "between": between rigid bodies of equal length l, with the stiffness
-            EI / l; the first body is fixed to the joint. "between" is common in hand-written models and the least
-            accurate.
+            EI / l; the first body is fixed to the joint. "between" is common in hand-written models, but the least
+            accurate of the three placements.
     Raises:
         ValueError: a value is out of range, or the arm has backlash or mass_damping, which hinges cannot represent.
     """

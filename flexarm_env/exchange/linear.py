@@ -105,7 +105,7 @@ def tip_compliance(chain: Chain) -> Array:
 
 
 def exact_compliance(chain: Chain) -> Array:
-    """Return the same matrix as `tip_compliance` for the arm that the chain approximates, m/N.
+    """Return the matrix of `tip_compliance`, m/N, for the arm that the chain approximates.
 
     Bending and torsion are integrated with 16 Gauss points in each interval of a link with smooth EI.
     """

@@ -63,9 +63,9 @@ def choose_integrator(chain: Chain) -> tuple[str, float]:
     """Choose MuJoCo's integrator and its time step h, s, for a chain.
 
     "RK4" is explicit and of fourth order. The integrator "RK4" requires h omega <= 1 and 2 zeta h omega <= 1 for the
-    highest frequency omega, rad/s, with its damping ratio zeta. If these conditions allow a step of at least
-    `LEAST_STEP`, the function returns "RK4" and a step of at most 2 ms. Otherwise the function returns
-    "discrete", an implicit integrator of first order in MuJoCo 4, and a step of 0.5 ms.
+    highest frequency omega, rad/s, with its damping ratio zeta. If a step of `LEAST_STEP` satisfies both conditions,
+    the function returns "RK4" and a step of at most 2 ms. If not, the function returns "discrete", an implicit
+    integrator of first order in MuJoCo 4, and a step of 0.5 ms.
     """
     frequencies, ratios = chain_modes(chain, clamped=False)
     omega = 2.0 * np.pi * frequencies
@@ -93,8 +93,8 @@ def mjcf(
 
     Args:
         chain: the chain. gravity: acceleration of gravity, m/s^2. timestep: time step, s. integrator: MuJoCo's name of
-            the integrator. If timestep or integrator is None, `choose_integrator` selects this value. comments: lines
-            of text at the top of the file.
+            the integrator. If timestep or integrator is None, `choose_integrator` selects the value. comments: lines of
+            text at the top of the file.
     """
     chosen, step = choose_integrator(chain)
     if timestep is not None:

@@ -38,7 +38,7 @@ class Imported:
         links: names of each link's bodies in the file, joined by "+".
         joints: names of the file's joints, in the arm's order.
         root (3,): position of the first joint in the file, m; the arm's root is at the origin.
-        tip: name of the body or site at the arm's tip; empty: the last link's center of mass.
+        tip: name of the body or site at the arm's tip; "" if the tip is the last link's center of mass.
         gravity (3,): gravity in the file, m/s^2.
         left_out: features of the file that the arm lacks.
         flexible: for each link that was made flexible, the resulting changes (see `made_flexible`).
@@ -71,8 +71,8 @@ def import_arm(
 
     Args:
         root: body in which the chain begins, if the file has several mechanisms.
-        tip: body or site at the arm's tip. None: the body or site of the last link with the largest distance from this
-            link's joint, or the link's center of mass if it has no body or site of this kind.
+        tip: body or site at the arm's tip. None: the last link's body or site with the largest distance from the last
+            link's joint, or the last link's center of mass if all its bodies and sites are at the joint.
         flexible: sections by the name of a body of the link. A flexible link keeps its mass, distributed evenly along
             the line from joint to joint: the section's m and J are scaled accordingly.
         tau_d: damping time of the flexible links, s.
@@ -216,8 +216,7 @@ def made_flexible(arm: Arm, k: int, section: Section, tau_d: float = 0.0) -> tup
         section: section of the beam; its m, J and J_y are scaled to the link's mass. tau_d: damping time, s.
     Returns:
         The changed arm, and a dict with two changes: centre_shift, the shift of the center of mass, m, and
-            inertia_ratio, the beam's largest principal moment of inertia about the joint divided by that of the rigid
-            link.
+            inertia_ratio, the ratio (beam to rigid link) of the largest principal moments of inertia about the joint.
     Raises:
         ValueError: the link is already flexible, or has no length or mass.
     """

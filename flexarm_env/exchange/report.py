@@ -45,7 +45,7 @@ def _undamped(arm: Arm) -> Arm:
 
 
 def calibrated(chain: Chain) -> tuple[Chain, float]:
-    """Multiply a chain's spring stiffness so that its lowest frequency equals the arm's; return chain and factor.
+    """Multiply a chain's spring stiffness until the chain has the arm's lowest frequency; return chain and factor.
 
     The joints are held. If the arm's first mode is overdamped, its undamped frequency is used.
 

@@ -135,7 +135,9 @@ class _Reader:
         return found
 
     def check_loops(self, inside: set[int]) -> None:
-        """Reject equality constraints on bodies of the chain, and tendons: they close loops or couple joints."""
+        """Reject tendons, and equality constraints on the chain's bodies, because such elements close loops or couple
+        joints.
+        """
         model = self.model
         of_body = {BODY: lambda i: i, JOINT_OBJECT: lambda i: int(model.jnt_bodyid[i]),
                    SITE: lambda i: int(model.site_bodyid[i])}  # fmt: skip
@@ -184,7 +186,7 @@ class _Reader:
         return found
 
     def total(self, group: list[int]) -> tuple[float, Array, Array]:
-        """Return total mass, center of mass, and inertia about it, of bodies that are fixed to each other."""
+        """Return mass, center of mass, and inertia about the center, of bodies that are fixed to each other."""
         model, data = self.model, self.data
         masses = [float(model.body_mass[b]) for b in group]
         total = sum(masses)

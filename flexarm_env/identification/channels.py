@@ -61,7 +61,7 @@ each run's residuals (kept, outputs)."""
 def deviations(problem: Problem, z: Array) -> list[Deviation]:
     """Estimate errors of the clock and of each output's gain and delay; return the most significant error first.
 
-    Gains and delays that the fit itself determines are omitted. z (p,): fitted parameters, scaled as in `Problem`.
+    Gains and delays that are parameters of the fit are omitted. z (p,): fitted parameters, scaled as in `Problem`.
     """
     J, errors = problem.slopes(z), problem.errors(z)
     found = []

@@ -1,11 +1,12 @@
 """Refine the model's time step and mesh until they no longer influence the fitted parameters significantly.
 
-A model with half the time step, or with a finer mesh, predicts other readings for the same parameters. To first order
-the best parameters z then shift by the Gauss-Newton step -(J'J)^-1 J' d. J is the derivative of the residuals by z, and
-d is the change of the residuals by the refinement. The solver's error is of second order in dt, so that the shift
-to dt = 0 is 4/3 of the shift caused by halving the step (Richardson extrapolation). If a shift exceeds the fraction
-`SHARE` of the half width of a parameter's 95 % interval, the refined model is fitted again from the current parameters.
-In the end the remaining shift is added to the parameters, and half of its magnitude is added to the half widths.
+With half the time step, or with a finer mesh, the model predicts slightly different readings for the same parameters.
+To first order this difference shifts the best parameters z by the Gauss-Newton step -(J'J)^-1 J' d. J is the derivative
+of the residuals by z, and d is the change of the residuals that the smaller step or the finer mesh causes. The solver's
+error is of second order in dt, so that the shift to dt = 0 is 4/3 of the shift caused by halving the step (Richardson
+extrapolation). If a shift exceeds the fraction `SHARE` of the half width of a parameter's 95 % interval, the refined
+model is fitted again from the current parameters. After the last fit the remaining shift is added to the parameters,
+and half of its magnitude is added to the half widths.
 """
 
 import dataclasses
@@ -60,7 +61,7 @@ class Resolved:
 
 
 def resolve(solver: Solver, found: Fit) -> Resolved:
-    """Refine step and mesh of a fit until their error is small compared with the confidence intervals.
+    """Refine step and mesh of a fit until the discretization error is small compared with the confidence intervals.
 
     Fits of arms in space are not refined.
     """

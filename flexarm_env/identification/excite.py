@@ -1,10 +1,10 @@
 """Design torques for identification experiments that excite the arm's modes and keep a real arm within given bounds.
 
-The design begins with a motion of the rigid arm. Its joint accelerations are multisines with random phases (Schroeder
-1970; Ljung 1999, section 13.3); each joint has its own frequencies. The motion begins and ends at rest at the same
-angles. The inverse dynamics of the rigid arm give the torques for this motion. Under these torques the flexible arm and
-several arms with perturbed parameters are simulated. The torques are reduced until the joint rotations and deflections
-of all these arms are within the bounds.
+The design begins with a motion of the rigid arm. The joint accelerations of this motion are multisines with random
+phases (Schroeder 1970; Ljung 1999, section 13.3); each joint has its own frequencies. The motion begins and ends at
+rest, at the same joint angles. The inverse dynamics of the rigid arm give the torques for the motion. Simulations then
+apply these torques to the flexible arm and to several arms with perturbed parameters. The torques are reduced until the
+joint rotations and deflections of every simulated arm are within the bounds.
 """
 
 import dataclasses
@@ -71,7 +71,8 @@ def excite(
     most_angle: float = 0.5, most_torque: float | None = None, most_deflection: float = 0.15, drawn: int = 8,
     spread: float = 2.0, seed: int = 0, **options: Any,
 ) -> Excitation:  # fmt: skip
-    """Design torques that excite an arm's modes within bounds; `flexarm run FILE.csv --to HOST:PORT` applies them.
+    """Design torques that excite an arm's modes within bounds; `flexarm run FILE.csv --to HOST:PORT` applies the
+    torques.
 
     Args:
         arm: approximate model of the arm: an `Arm`, a name or a TOML file. The arm starts straight, at rest, without
@@ -80,7 +81,7 @@ def excite(
             to excite; no frequency exceeds a fifth of `rate`. most_angle: largest joint rotation to either side, rad.
             most_torque: largest joint torque, N m; default: half of each joint's limit. most_deflection: largest tip
             deflection of a link, divided by the link's length.
-        drawn: number of arms with perturbed parameters; they must satisfy the bounds, too. spread: largest factor by
+        drawn: number of arms with perturbed parameters, which must also satisfy the bounds. spread: largest factor by
             which EI, tip masses, hub inertia and damping of these arms are multiplied or divided. seed: seed of phases
             and perturbed arms. options: solver options, as in `simulate`.
     Raises:

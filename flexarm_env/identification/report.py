@@ -145,7 +145,7 @@ def direction(of: Direction) -> str:
 
 
 def draw(row: Prediction, axes: Any) -> None:
-    """Plot the measured and predicted readings of each output of a run, and below them their difference."""
+    """Plot each output's measured and predicted readings in a run, and the prediction error below the readings."""
     run = row.run
     for k, name in enumerate(row.readings):
         above, below = axes[2 * k], axes[2 * k + 1]

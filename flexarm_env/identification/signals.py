@@ -161,8 +161,8 @@ def read_off(run: Run, name: str) -> list[Ringing]:
 class Oscillator:
     """Linear oscillator y'' + 2 d w y' + w^2 y = sum of gain times input, whose output y passes the sensor's filter.
 
-    frequency: natural frequency w / (2 pi), Hz. damping: damping ratio d. gains: gain of each input. An input that
-    prescribes an angle enters by its second time derivative.
+    frequency: natural frequency w / (2 pi), Hz. damping: damping ratio d. gains: gain of each input. If an input
+    prescribes an angle, the sum contains the angle's second time derivative.
     """
 
     frequency: float
@@ -211,15 +211,15 @@ def oscillator(runs: list[Run], name: str, law: Law) -> Oscillator:
     """Fit one oscillator to the readings of an output in all runs, with each run's mean subtracted.
 
     The best of 25 frequencies from 0.3 to 30 Hz is the initial guess of a least-squares fit of log frequency and log
-    damping. name: name of the output. law: the output's `Law`, which describes its sensor.
+    damping. name: name of the output. law: the output's `Law`, which describes the sensor.
     """
     from scipy.optimize import least_squares
 
     target = np.concatenate([y - y.mean() for y in (run.outputs[name][run.kept] for run in runs)])
 
     def solved(x: Array) -> tuple[Array, Array]:
-        """Return the relative residual and the gains, for which the problem is linear. x: logarithms of frequency and
-        damping ratio.
+        """Solve the linear problem for the gains; return the relative residual and the gains. x: logarithms of
+        frequency and damping ratio.
         """
         tables = [_through(run, float(np.exp(x[0])), float(np.exp(x[1])), law)[run.kept] for run in runs]
         table = np.concatenate([columns - columns.mean(axis=0) for columns in tables])

@@ -34,7 +34,7 @@ SMALLEST = 1e-7
 class Direction:
     """Linear combination of parameters; coefficients are scaled by the parameters' sizes, and the largest is 1.
 
-    deviation: half width of the 95 % interval of the combination, in the same units.
+    deviation: half width of the 95 % interval of this combination of scaled parameters.
     """
 
     shares: dict[str, float]
@@ -52,7 +52,7 @@ class Uncertainty:
             parameters whose fitted value is at a bound; the intervals of these parameters are nan.
         unidentifiable: names of the parameters that the logs do not determine. directions: simultaneous changes of
             several parameters that hardly change the residuals. identifiable: for each direction, the combination of
-            the same parameters with the smallest uncertainty.
+            the direction's parameters that has the smallest uncertainty.
         noise: root mean square of the residuals, divided by the readings' standard deviation. samples: number of
             independent residuals with the same information as the correlated residuals.
     """

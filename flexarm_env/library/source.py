@@ -55,7 +55,7 @@ SENTENCES = {
 def fill(file: str, name: str, known: Mapping[str, Any]) -> str:
     """Return the text of a template file with each placeholder @WORD@ replaced by `known[WORD]`.
 
-    name: name of the library. It replaces the word NAME and, in capital letters, the word UPPER.
+    name: name of the library, which replaces the word NAME. In capital letters, the name replaces the word UPPER.
     """
     # marks first, then NAME and UPPER, which the inserted texts contain too
     text = (resources.files("flexarm_env") / "data" / "library" / file).read_text()
@@ -112,8 +112,7 @@ class Source:
         }
 
     def filled(self, file: str, **more: str) -> str:
-        """Fill the template `file` with this library's values and the values in `more`; return the text.
-        """
+        """Fill the template `file` with this library's values and the values in `more`; return the text."""
         return fill(file, self.name, self._known | more)
 
     # --- the numbers ------------------------------------------------------------------------------

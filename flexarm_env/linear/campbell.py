@@ -23,12 +23,12 @@ class Campbell:
     Attributes:
         spins (m,): spin rates, rad/s. frequencies (m, n): natural frequencies, rad/s, in the frame that rotates with
             the arm (`Modes.frequencies`).
-        at_rest (m, n): natural frequencies, rad/s, in the fixed frame. Let f be the frequency in the rotating frame.
-            In the fixed frame the frequency is f + spin if points move on circles in the direction of the spin
+        at_rest (m, n): natural frequencies, rad/s, in the fixed frame. Let f be the frequency in the rotating frame. In
+            the fixed frame the frequency is f + spin if points move on circles in the direction of the spin
             (`Modes.whirl` = 1), and spin - f if points move on circles against the spin. The frequency is f in both
             frames if all points move along the axis of rotation. For a positive spin, positive values are forward whirl
-            and negative values are backward whirl. The entry is NaN for every other motion, which has several
-            frequencies in the fixed frame.
+            and negative values are backward whirl. Every other motion has several frequencies in the fixed frame, and
+            its entry is NaN.
         growing (m,): number of unstable modes at each spin rate, counted among all modes (`Modes.growing`).
     """
 
@@ -52,8 +52,8 @@ def campbell(
     Args:
         scene: a scene with a pinned root and without gravity; its loads are not used. spins: spin rates, rad/s.
         n: number of frequencies at each spin rate. The n lowest frequencies in the fixed frame are chosen if all modes
-            have a frequency there. Otherwise, as for planar arms, the n lowest frequencies in the frame that rotates
-            with the arm are chosen.
+            have a frequency there. If a mode has no frequency in the fixed frame, as for planar arms, the n lowest
+            frequencies in the frame that rotates with the arm are chosen.
         formulation, options, clamped: arguments of `modes`; by default the hub rotates at exactly the spin rate.
     Returns:
         The frequencies as a `Campbell`, which `plotting.plot_campbell` plots.

@@ -5,10 +5,10 @@ tangent of the equilibrium path predicts the next equilibrium, and Newton's iter
 result is unstable or far from the prediction, the load step is halved, so that the solution stays on the same branch. A
 symmetric arm, such as a straight column above its critical load, stays on the symmetric branch, which is then unstable.
 
-Minimization: if the path ends, or if joints can turn, Newton's method minimizes the potential energy V instead. Each
-step minimizes V + s/2 |q - q_0|^2, where q_0 are the coordinates before the step and the norm is that of the mass
-matrix. The factor s decreases after each successful step, so that the last steps are plain Newton steps. The result is
-a stable equilibrium, unless the arm starts in an unstable equilibrium.
+Minimization: if the path ends, or if joints can turn, Newton's method minimizes the potential energy V. Each step
+minimizes V + s/2 |q - q_0|^2, where q_0 are the coordinates before the step and the norm is that of the mass matrix.
+The factor s decreases after each successful step, so that the last steps are plain Newton steps. The result is a stable
+equilibrium, unless the arm starts in an unstable equilibrium.
 """
 
 import warnings
@@ -67,7 +67,7 @@ class Equilibrium(Simulation):
     Attributes:
         stability: stability of the equilibrium, with the joints held or free according to `hold_joints`.
         followed: fraction of the loads up to which the equilibrium depends continuously on the loads. If `followed` is
-            below 1.0, the arm snaps through at this fraction. `followed` is 0.0 if joints turn freely.
+            below 1.0, the arm snaps through at this fraction of the loads. `followed` is 0.0 if joints turn freely.
     """
 
     stability: Stability
@@ -84,12 +84,12 @@ def static_equilibrium(
 ) -> Equilibrium:
     """Compute the static equilibrium of an arm under gravity and constant loads; time-dependent loads are ignored.
 
-    With held joints, the loads of a planar arm grow in proportion from zero to their values, and the function follows
-    the equilibrium of the arm. With free joints the function returns a minimum of the potential energy. If the initial
-    state is an equilibrium, the function returns this state, even if the state is unstable (such as an upright arm). In
-    space the full loads act on the unloaded shape at once. Above the buckling load the result may therefore lie on
-    another branch than the equilibrium that grows with the load, and may be unstable. For spatial scenes with
-    `start="held"` there is no warning about an unstable result.
+    With held joints, all loads of a planar arm grow in proportion from zero to their values, while the function follows
+    the equilibrium. With free joints the function returns a minimum of the potential energy. If the initial state is an
+    equilibrium, the function returns this state, even if the state is unstable (such as an upright arm). In space the
+    full loads act on the unloaded shape at once. Above the buckling load the result may therefore lie on another branch
+    than the equilibrium that grows with the load, and may be unstable. For spatial scenes with `start="held"` there is
+    no warning about an unstable result.
 
     Args:
         scene: the scene with the arm and its loads; prescribed motions keep their values at t = 0.
@@ -156,8 +156,7 @@ def _in_space(scene: Scene, settings: Settings, hold_joints: bool) -> Equilibriu
 
 
 def warn_unstable(stability: Stability, refuse: bool) -> None:
-    """Warn about an unstable equilibrium, or raise NoEquilibrium if `refuse` is True.
-    """
+    """Warn about an unstable equilibrium, or raise NoEquilibrium if `refuse` is True."""
     if not stability.stable:
         text = (
             f"the equilibrium found is unstable: a small disturbance of it grows by exp({stability.growth:.3g} t / s), "
@@ -171,7 +170,7 @@ def warn_unstable(stability: Stability, refuse: bool) -> None:
 def still(scene: Scene, hold_joints: bool, **changes: Any) -> Scene:
     """Return the scene with motions fixed at their values for t = 0, without time-dependent loads.
 
-    changes: new values of further fields of the scene.
+    changes: other fields of the scene with their new values.
     """
 
     def kept(load: Load) -> bool:
@@ -293,7 +292,7 @@ class _Search:
             )
 
     def sink(self, start: Point, followed: float) -> Point:
-        """Return the equilibrium that descending steps reach from the start under all loads."""
+        """Descend in the potential energy under all loads, from `start` to an equilibrium; return the equilibrium."""
         self.take(1.0)
         point, acceleration = self.accelerations(start)
         if acceleration < AT_REST:
@@ -356,7 +355,7 @@ class _Search:
         """Solve the bordered system, scaled to the stiffness; return the changes of coordinates, multipliers and
         torques.
 
-        left: residual of the first rows; the residual of the other rows is 0.
+        left: residuals of the first len(left) rows; the residuals of all other rows are 0.
         """
         f, g, h = A.shape[0], G.shape[0], B.shape[1]
         scale = float(np.abs(A).max(initial=0.0))
@@ -388,7 +387,7 @@ class _Search:
         return self.solve(found.A, found.G, found.B, self.change(found.point, 1.0))
 
     def change(self, point: Point, other: float) -> Array:
-        """Return the derivative (f,) of the residual by the fraction of the loads, as a difference of two fractions."""
+        """Return the derivative (f,) of the residual by the loads' fraction: a difference to the fraction `other`."""
         share, before = self.share, self.residual(point)
         self.take(other)
         change = (self.residual(point) - before) / (other - share)
@@ -405,7 +404,7 @@ class _Search:
         return self.size(lean) <= _LEAN
 
     def newton(self, start: Point, s: float, reach: float) -> _Found | None:
-        """Return the equilibrium (for s = 0), or the end of a step of descent; None if it is farther than `reach`."""
+        """Return the equilibrium (s = 0) or the end of a descent step; None if there is none within `reach`."""
         e, point, last = self.e, start, np.inf
         for _ in range(15):
             self.spent += 1

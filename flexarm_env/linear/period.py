@@ -2,7 +2,8 @@
 
 Each array carries its tangents in additional SIMD lanes ("dual lanes"). The tangents include constraint forces and the
 correction at the end of a period. The tangents are exact except for rotations in space. For rotations in space the
-tangents neglect part of the effect of the Newton iterates, which causes an error of second order in a step's rotation.
+tangents neglect a part of the Newton iterates' effect. The resulting error is of second order in the rotation during a
+step.
 """
 
 from typing import Any

@@ -70,16 +70,16 @@ def moving(equations: Equations, held: Sequence[int]) -> list[int]:
 
 
 def growing(eigenvalues: Complex) -> int:
-    """Return the number of eigenvalues with growing motions, in which each conjugate pair counts once."""
+    """Return the number of eigenvalues with growing motions; a conjugate pair counts as one."""
     return int((eigenvalues.real > GROWS * np.abs(eigenvalues)).sum())
 
 
 def eigenpairs(M: Array, C: Array, K: Array) -> tuple[Complex, Complex]:
     """Return eigenvalues and eigenvectors of M x'' + C x' + K x = 0.
 
-    Of each conjugate pair only the eigenvalue with positive imaginary part is returned. Of each pair of zero
-    eigenvalues (a rigid motion) only one is returned. The eigenvalues are computed in the basis of the undamped modes,
-    in which M is the identity and the symmetric part of K is diagonal.
+    Of each conjugate pair only the eigenvalue with positive imaginary part is returned. A rigid motion has a pair of
+    zero eigenvalues, of which only one is returned. The eigenvalues are computed in the basis of the undamped modes, in
+    which M is the identity and the symmetric part of K is diagonal.
     """
     squares, basis = undamped(0.5 * (M + M.T), 0.5 * (K + K.T))
     symmetric = np.abs(K - K.T).max() < 1e-8 * np.abs(K).max()

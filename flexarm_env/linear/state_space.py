@@ -42,8 +42,8 @@ class LinearModel:
             (m). Elastic gears add "motor0", "motor0_rate", ...; the argument `gauges` adds "curvature0@0", ... (1/m).
             In space the deflections are "deflection0_y" and "deflection0_z" (m), and "twist0" (rad) and "tip_z" (m) are
             added; gauges are also named "curvature_z0@0" (bending in the x-z plane) and "torsion0@0".
-        x, u, y: states, inputs and outputs at the operating point. rate: x' at this point; in a discrete model the
-            state one period later.
+        x, u, y: states, inputs and outputs at the operating point. rate: x' at the operating point; in a discrete model
+            the state one period after this point.
         t: time of the operating point, s. dt: period, s; None for a continuous model.
         growing: number of unstable modes of the continuous model with free joints; 0 if the model is stable.
             Eigenvalues of A that would be 0 without round-off do not count.
@@ -96,8 +96,8 @@ def linearize(
         motions: True to include prescribed coordinates and their rates as states, and their accelerations as inputs
             (continuous model, or method "zoh"). If False, the model does not contain prescribed coordinates.
         gauges: one pair (link, place) for each curvature among the outputs, with the place from 0 at the link's root to
-            1 at its tip. A strain is the curvature times half the thickness of the link. In space a third entry, one of
-            `sensors.MEASURES`, selects bending in a plane or torsion.
+            1 at its tip. A strain is the curvature times half the thickness of the link. In space each gauge has a
+            third entry, one of `sensors.MEASURES`, which selects bending in a plane or torsion.
     Returns:
         The linear model (`LinearModel`), which does not include Coulomb friction.
     Raises:

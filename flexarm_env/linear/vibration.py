@@ -37,9 +37,10 @@ class Modes:
         spin: spin rate, rad/s: the argument `spin` of `modes`.
         growing: number of unstable modes among all modes, not only among the n lowest; 0 if the state is stable.
         whirl (n,): in space, the direction in which points circle the first joint's axis, in the frame that turns with
-            the arm. The value is 1 for circles in the direction of a positive spin and -1 for circles in the opposite
-            direction. The value is 0 for motion along a straight line, and between 0 and 1 or -1 for ellipses. The
-            value is NaN if points are at rest or move only along the axis. In the plane the array is empty.
+            the arm. A mode's entry is 1 for circles in the direction of a positive spin, -1 for circles in the opposite
+            direction, and 0 for motion along a straight line. For ellipses the entry is between 0 and 1 or between 0
+            and -1. The entry is NaN if the points are at rest or move only along the axis. For arms in the plane,
+            `whirl` is empty.
     """
 
     frequencies: Array
@@ -69,11 +70,11 @@ def modes(
         n: largest number of modes to return.
         formulation, options: formulation and options of the solver, as in `simulate`; only for a Scene.
         spin: spin rate, rad/s, about the root of a pinned Scene without gravity; the scene's loads are not used. The
-            modes are small motions in the rotating frame about the steady rotation. Centrifugal forces deform the arm
-            in this rotation.
+            modes are small motions, in the rotating frame, about the steady rotation. Centrifugal forces deform the arm
+            in the steady rotation.
         clamped: which joints are held. False: no joint is held; all joints turn under constant torques, except
-            prescribed and rigid joints. True: the hub (joint 0) is held. With a list of indices these joints are held.
-            With an elastic gear, the motor's side is held. Coulomb friction is not included.
+            prescribed and rigid joints. True: the hub (joint 0) is held. A list: the joints with these indices are
+            held. A held joint with an elastic gear is held at its motor. Coulomb friction is not included.
     Returns:
         The modes (`Modes`).
     Raises:

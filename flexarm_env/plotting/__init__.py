@@ -1,9 +1,9 @@
 """Plot trajectories with matplotlib (extra `plot`), one function for each kind of figure.
 
-`plot_trajectory` plots deformed shapes with time labels, and beside them tip deflection and energy over time.
-`plot_comparison` compares runs with each other and with a reference. `plot_energies` and `plot_spectrum` plot
-energies and frequencies. `plot_all` writes all figures of a run to a folder. The extension of a file's name selects
-PNG, PDF or SVG.
+`plot_trajectory` plots deformed shapes with time labels, and in further panels tip deflection and energy over time.
+`plot_comparison` compares runs with each other and with a reference. `plot_energies` and `plot_spectrum` plot energies
+and frequencies. `plot_all` writes all figures of a run to a folder. The extension of a file's name selects PNG, PDF or
+SVG.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def plot_trajectory(
     shapes: int = 13,
     title: str | None = None,
 ) -> Path:
-    """Plot deformed shapes with time labels, and beside them tip deflection and energy over time.
+    """Plot deformed shapes with time labels, and in further panels tip deflection and energy over time.
 
     A small deflection after the last change of the drives is drawn enlarged; the panel's title states the factor.
 
@@ -139,7 +139,7 @@ def plot_comparison(
 
 
 def plot_energies(trajectory: Trajectory, path: str | os.PathLike[str], title: str | None = None) -> Path:
-    """Plot energies over time, and below them the energy error `Trajectory.balance`, J.
+    """Plot energies over time, with the energy error `Trajectory.balance`, J, in a lower panel.
 
     Arguments are those of `plot_trajectory`.
     """
@@ -226,7 +226,8 @@ def plot_all(
             as in `plot_trajectory`.
         ending: format of the figures: png, pdf or svg.
     Returns:
-        Paths of the figures. There is no spectrum if too few samples follow the last jump or end of an input.
+        Paths of the figures. There is no spectrum if too few samples follow the last instant at which an input jumps or
+            ends.
     """
     home = Path(folder)
     paths = [
@@ -389,9 +390,9 @@ def _peaks(amplitude: Array) -> list[int]:
 def plot_campbell(found: Campbell, path: str | os.PathLike[str], title: str = "") -> Path:
     """Plot natural frequencies over spin rate, with the line of one vibration per revolution; return `path`.
 
-    Frequencies refer to the fixed frame if all of them are defined in this frame (`Campbell.at_rest`), as for a body of
-    revolution. Otherwise all frequencies refer to the frame that rotates with the arm. Marks at the bottom show the
-    spin rates at which the arm is unstable.
+    Frequencies refer to the fixed frame if every mode has a frequency in the fixed frame (`Campbell.at_rest`), as for a
+    body of revolution. If not, all frequencies refer to the frame that rotates with the arm. Marks at the bottom show
+    the spin rates at which the arm is unstable.
     """
     spins, rests = np.abs(found.spins), np.isfinite(found.at_rest).all()
     values = np.abs(found.at_rest if rests else found.frequencies)
