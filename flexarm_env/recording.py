@@ -114,8 +114,8 @@ class Episode:
         return of_episode(plan, views, rows, self.rewards, self.env_id if label is None else label, rate)
 
     def view(self, *others: Episode, labels: Sequence[str] | None = None, env_id: str | None = None) -> Player:
-        """Return a `Player` that shows the episode and others; save it by `.save("episode.html")` or display it in a
-        notebook. labels: labels of all episodes; the default is the environments' ids. env_id: as in `replay`.
+        """Return a `Player` that shows this episode and `others`; save the player by `.save("episode.html")` or display
+        it in a notebook. labels: labels of all episodes; the default is the environments' ids. env_id: as in `replay`.
         """
         return Player.of((self, *others), labels, env_id)
 
@@ -211,11 +211,11 @@ class EpisodeRecorder(gym.Wrapper[Array32, Array32, Array32, Array32]):
 def replay(episode: Episode, env_id: str | None = None) -> Episode:
     """Replay an episode in a new environment, with the same reset and actions, and return the new episode.
 
-    With the version and processor of the recording, `replay(e).equals(e)` is true.
+    On the processor and with the package version of the recording, `replay(e).equals(e)` is true.
 
     Args:
-        env_id: must equal the episode's `env_id`, and is required if this id names another package. Importing a package
-            executes code, and a file must not choose this code.
+        env_id: must equal the episode's `env_id`; required if the episode's `env_id` names another package. Importing a
+            package executes code, and an episode file must not choose which code is executed.
     Raises:
         ValueError: env_id is missing, the episode has no steps, or the replayed episode ends before the last action.
     """

@@ -222,7 +222,8 @@ def add_flags(parser: Any, kind: Any) -> None:
 def schema(kind: Any, **more: Any) -> Schema:
     """Return the JSON schema of a table with a class's fields.
 
-    more: JSON schemas by field name, for fields without a rule or in place of the schema of a field's rule.
+    more: JSON schemas by field name. A schema in `more` applies to a field without a rule, or replaces the schema of
+    the field's rule.
     """
     known = {name: _described(rule) for name, rule in rules(kind).items()} | more
     fields = [one for one in dataclasses.fields(kind) if one.init]
@@ -248,8 +249,8 @@ def _by_type(words: str) -> Schema:
 def by_key(cases: Mapping[str, Schema], otherwise: Schema) -> Schema:
     """Return the schema of a table whose form depends on its keys.
 
-    The first key of `cases` that the table has selects a schema. With this schema a validator reports the error within
-    the table, and not only that no schema matches.
+    The first key of `cases` that the table has selects a schema. With the returned schema a validator reports the error
+    within the table, instead of reporting only that no schema matches.
     """
     found = otherwise
     for key, one in reversed(list(cases.items())):

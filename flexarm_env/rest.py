@@ -1,9 +1,9 @@
 """Static equilibrium of scenes that start at rest under their loads, by pseudo-transient continuation.
 
-Each step of the time integration begins with zero velocity. It solves M c (q - q_0) + f(q) = 0 for the coordinates q,
-with the mass matrix M, the static forces f and the coordinates q_0 before the step. The factor c decreases as the step
-becomes longer. The first steps are short and reduce the energy. The last steps are long and equal Newton steps for f =
-0.
+Each step of the time integration begins with zero velocity. Each step solves M c (q - q_0) + f(q) = 0 for the
+coordinates q, with the mass matrix M, the static forces f and the coordinates q_0 before the step. The factor c
+decreases as the step becomes longer. The first steps are short and reduce the energy. The last steps are long, and each
+is a Newton step for the equation f = 0.
 """
 
 from dataclasses import replace
@@ -39,8 +39,8 @@ class NoEquilibrium(RuntimeError):
 def resting(scene: Scene) -> Scene:
     """Return the scene with all loads and motions constant at their values for t = 0.
 
-    If the scene has start="held", its joints (with elastic gears, its motors) are fixed, and torques on them are
-    removed.
+    If the scene has start="held", the joints (with elastic gears, the motors) are fixed, and torques on the fixed
+    joints are removed.
     """
     names = [motion.coordinate for motion in scene.motions]
     held = []

@@ -1,10 +1,10 @@
 """Rigid model of an arm, with rigid links in place of flexible ones: kinematics, inertia, gravity torques, time scales.
 
 Arguments named `angles` are joint angles (n, N), rad. The function `bodies` lists the arm's masses. Inertia, Coriolis
-torques and gravity torques are sums over these bodies. Positions in the plane are complex numbers x + i y. Let a be the
-vector from joint k to joint k + 1 in the axes of link k's root, and alpha_k the absolute angle of the tangent at this
-root. Link k contributes a exp(i alpha_k) to the tip's position. In the plane the coefficients of inertia and gravity
-torques do not depend on the angles (`link_inertia`, `mass_moments`).
+torques and gravity torques are sums over the arm's bodies. Positions in the plane are complex numbers x + i y. Let a be
+the vector from joint k to joint k + 1 in the axes of link k's root, and alpha_k the absolute angle of the tangent at
+this root. Link k contributes a exp(i alpha_k) to the tip's position. In the plane the coefficients of inertia and
+gravity torques do not depend on the angles (`link_inertia`, `mass_moments`).
 """
 
 import math
@@ -198,8 +198,8 @@ def weight_and_inertia(
 ) -> tuple[Array, Array]:
     """Compute gravity torques (n, N), N m, and joint inertia (n, N, N), kg m^2, of the rigid arm with its rotors.
 
-    gravity (3,): acceleration of gravity, m/s^2. angles (n, N): joint angles, rad. parts: result of `link_bodies(arm)`,
-    or None to compute it.
+    gravity (3,): acceleration of gravity, m/s^2. angles (n, N): joint angles, rad. parts: result of `link_bodies(arm)`;
+    if None, the function calls `link_bodies`.
     """
     places, axes, links, _ = frames(arm, angles)
     torques, inertia = np.zeros(angles.shape), np.zeros((*angles.shape, arm.n_links))
@@ -225,8 +225,8 @@ def rigid_inertia(arm: Arm, angles: Array) -> Array:
 def coriolis(arm: Arm, angles: Array, rates: Array) -> Array:
     """Return the Coriolis and centrifugal torques (n, N), N m, at joint angles, rad, and rates, rad/s, (n, N) each.
 
-    The returned torques are the joint torques without gravity, minus inertia matrix times joint accelerations.
-    Gyroscopic moments of rotors are not included.
+    The result equals the joint torques minus the gravity torques minus the inertia matrix times the joint
+    accelerations. Gyroscopic moments of rotors are not included.
     """
     return _recursions(arm)[1](arm, _joints("angles", arm, angles), rates)
 
@@ -399,7 +399,7 @@ class TimeScales:
 
     Attributes:
         quarter_turns (N,): for each joint, the shortest time, s, of a 90 degree turn from rest to rest with full
-            torque. The arm beyond the joint is straight and rigid. slew: the longest of these times, s.
+            torque. The arm beyond the joint is straight and rigid. slew: the longest time in `quarter_turns`, s.
         duration: suggested duration of an episode, s. control_dt: control period, s. gamma: suggested discount factor,
             for which the horizon control_dt / (1 - gamma) equals `slew`.
     """

@@ -53,8 +53,8 @@ def make_sb3_vec(
             path of the monitor's file.
         normalize: True to wrap the environment in VecNormalize; a mapping contains keywords of VecNormalize, e.g.
             {"norm_reward": False, "gamma": 0.98}.
-        info_keys: entries of the environment's info that every step returns. Other entries are returned only at the
-            ends of episodes, because Stable-Baselines3 reads them only there.
+        info_keys: entries of the environment's info that every step returns. The other entries of info are returned
+            only at the end of an episode, because Stable-Baselines3 does not read them earlier.
         vectorization_mode: "vector_entry_point" for the native vector environment, "sync" or "async" for n_envs single
             environments.
         wrappers: functions or classes that wrap each single environment, the first one innermost. The native vector
@@ -110,11 +110,11 @@ class GymnasiumVecEnv(VecEnv):
 
     Args:
         env: the vector environment with same-step autoreset. info_keys: entries of the environment's info that every
-            step returns. At the end of an episode all entries are returned, and also "terminal_observation" and
+            step returns. The last step of an episode returns all entries of info, and also "terminal_observation" and
             "TimeLimit.truncated".
     Raises:
-        ValueError: the autoreset mode is not same-step. Stable-Baselines3 requires this mode: the last step of an
-            episode must return the first observation of the next episode.
+        ValueError: the autoreset mode is not same-step. Stable-Baselines3 requires same-step autoreset: the last step
+            of an episode must return the first observation of the next episode.
     """
 
     def __init__(self, env: VectorEnv[Any, Any, Any], info_keys: Sequence[str] = ()) -> None:
@@ -167,8 +167,8 @@ class GymnasiumVecEnv(VecEnv):
     def step_wait(self) -> tuple[Any, NDArray[np.float32], NDArray[np.bool_], Infos]:
         """Step all environments with the stored actions.
 
-        Returns observations, rewards (n,) float32, dones (n,) and infos. If an episode ended, its environment's
-        observation is the first one of the next episode.
+        Returns observations, rewards (n,) float32, dones (n,) and infos. If an episode ended, the environment's
+        observation is the first observation of the next episode.
         """
         observations, rewards, terminated, truncated, info = self.env.step(self._actions)
         dones = np.logical_or(terminated, truncated)
@@ -248,8 +248,8 @@ class GymnasiumVecEnv(VecEnv):
         """Call a method of the environments in `indices`; return the list of results.
 
         "reset" resets only these environments; its arguments are seed (environment i has the seed `seed` + i) and
-        options. "render" renders only these environments. Any other method receives the indices if the method has a
-        parameter `indices`.
+        options. "render" renders only these environments. A method other than "reset" and "render" receives the indices
+        if the method has a parameter `indices`.
 
         Raises:
             ValueError: `indices` selects some environments, but the method acts on all environments.
@@ -279,7 +279,10 @@ class GymnasiumVecEnv(VecEnv):
     def env_is_wrapped(
         self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: Indices = None
     ) -> list[bool]:
-        """Return for each environment in `indices` whether it has the wrapper; native environments have no wrappers."""
+        """Return a list of booleans, one for each environment in `indices`: True if the environment has the wrapper.
+
+        Native environments have no wrappers.
+        """
         singles = getattr(self.env, "envs", None)
         chosen = self._indices(indices)
         if not isinstance(singles, list):

@@ -88,7 +88,7 @@ class Reference:
     """Reference solution of a scene: its origin, columns, and tolerances for a comparison.
 
     tip_tolerance: permitted distance from the reference tip, m. angle_tolerance: permitted error of an angle, rad.
-    columns: a float64 array (n,) for each name in :data:`COLUMNS`. The column energy is not compared.
+    columns: a float64 array (n,) for each name in :data:`COLUMNS`. A comparison omits the column `energy`.
     """
 
     scene: str
@@ -123,8 +123,8 @@ def reference(name: str) -> Reference:
 def spot_values(name: str) -> dict[str, Any]:
     """Return tip positions of a named scene at single instants, computed by another program.
 
-    The keys are t (s), tip_x and tip_y (m), source, and tolerance. Raises ValueError if the scene has no such
-    positions.
+    The keys are t (s), tip_x and tip_y (m), source, and tolerance. Raises ValueError if the package contains no tip
+    positions of the scene.
     """
     entries = {entry["scene"]: entry for entry in _references()["spot_values"]}
     if name not in entries:
@@ -149,7 +149,7 @@ def read_trajectory(path: str | os.PathLike[str]) -> dict[str, np.ndarray[Any, n
 def read_reference(path: str | os.PathLike[str]) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
     """Read a reference solution from a CSV file: the column t, and those columns of :data:`COMPARED` that exist.
 
-    The columns may be in any order, and other columns are ignored. Errors are those of :func:`read_trajectory`.
+    The columns may be in any order, and other columns are ignored. Raises the same errors as :func:`read_trajectory`.
     """
     header, lines = csv_lines(path)
     header = without_units(header)

@@ -200,7 +200,7 @@ class Link:
     Args:
         section: a :class:`Section`, a :class:`Taper`, or a sequence of pairs (s, Section). s is the arc length from the
             beam's root, m, and increases from 0 to the length. Properties are linear between two pairs; two pairs with
-            equal s define a jump. If all sections are equal, one Section replaces them.
+            equal s define a jump. One Section replaces a sequence of equal sections.
         curvature: curvature of the stress-free beam, 1/m, positive if the beam turns left; or a sequence of pairs (s,
             curvature). The curvature is linear between two pairs; two pairs with equal s define a jump.
     """
@@ -277,7 +277,7 @@ class Link:
 
     @property
     def points(self) -> tuple[float, ...]:
-        """Positions, m from the root, of both ends, and of all jumps and kinks of section and curvature."""
+        """Positions, m from the root, of the beam's two ends and of all jumps and kinks of section and curvature."""
         inner = () if isinstance(self.section, Section | Taper) else tuple(s for s, _ in self.section[1:-1])
         return tuple(sorted({0.0, *inner, *curves.points(self.curvature), self.length}))
 
@@ -388,7 +388,7 @@ class Link:
         return root, (self.tip_mass, self.span - 0.5 * self.tip_offset, self.tip_inertia)
 
     def integral(self, what: str, power: int = 0) -> float:
-        """Return the integral of `what`, a field of :class:`Section`, times s^power over the beam's arc length s."""
+        """Integrate the property `what`, a field of :class:`Section`, times s^power over the beam's arc length s."""
         if isinstance(self.section, Section):
             return float(getattr(self.section, what) * self.length ** (power + 1) / (power + 1))
         s, weights = self.quadrature()
@@ -424,7 +424,10 @@ class Link:
 
     @property
     def slenderness(self) -> float:
-        """Shear flexibility / bending flexibility, EI / (C L^2), of the mean section; stubby links: 1e-3 or more."""
+        """Ratio of shear flexibility to bending flexibility, EI / (C L^2), of the mean section.
+
+        For stubby links the ratio is at least 1e-3.
+        """
         return self.mean.EI / (self.mean.C * self.length**2)
 
 

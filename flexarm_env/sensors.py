@@ -7,7 +7,7 @@ The classes are frozen, validated dataclasses. Every sensor measures one or more
 F is a low-pass filter of order 1 or 2 with static gain 1. Gain and bias are constant, or drawn at random for each
 episode. The noise of each reading is an independent, normally distributed number. Sensors are read at control instants,
 or at the samples of a trajectory. Between two readings the measured quantity u is interpolated linearly; filter and
-delay are exact for the interpolated u. Before an episode u is constant.
+delay are exact for the interpolated u. Before the start of an episode, u is constant.
 """
 
 from __future__ import annotations
@@ -165,10 +165,11 @@ class StrainGauge(Law):
     """Strain gauge that measures the bending of a link at one place; in space also torsion and out-of-plane bending.
 
     The reading is the curvature (1/m), or the strain, which is the curvature times `distance`. With measures="xy" the
-    gauge measures the curvature in the x-y plane, positive if the link bends towards y. With "xz" the measured quantity
-    is the curvature in the x-z plane, positive towards z, and with "torsion" the twist per length, positive about x. In
-    the plane only "xy" is possible. The default `distance` is sqrt(3 J / m), half the thickness of a rectangular
-    section with mass per length m and rotary inertia per length J; for "xz" it is sqrt(3 J_y / m).
+    gauge measures the curvature in the x-y plane, positive if the link bends towards y. With "xz" the gauge measures
+    the curvature in the x-z plane, positive if the link bends towards z. With "torsion" the gauge measures the twist
+    per length, positive about x. A gauge of an arm in the plane requires "xy". The default `distance` is sqrt(3 J / m),
+    half the thickness of a rectangular section with mass per length m and rotary inertia per length J; for "xz" it is
+    sqrt(3 J_y / m).
     """
 
     link: int = integer("number of the link, from 0", 0, minimum=0)
@@ -238,9 +239,9 @@ class Gyroscope(Law):
 class Camera(Law):
     """Camera: tip position, m, along inertial axes; in space also two angles, rad, of the tip's x axis.
 
-    The first angle is the elevation of the tip's x axis from the inertial x-z plane towards y; the second is its
-    elevation from the x-y plane towards z. Both angles are between -pi/2 and pi/2. The first picture arrives at t = 0.
-    A picture that arrives at the time t shows the tip at t - delay.
+    The first angle is the elevation of the tip's x axis from the inertial x-z plane towards y; the second angle is the
+    axis's elevation from the x-y plane towards z. The two angles are between -pi/2 and pi/2. The first picture arrives
+    at t = 0. A picture that arrives at the time t shows the tip at t - delay.
     """
 
     period: float | None = number(
@@ -321,7 +322,7 @@ class Sensors:
     def readings(self, arm: Any, axes: Axes = PLANE) -> dict[str, tuple[str, Law]]:
         """Return a dict from the names of an arm's readings, in order, to pairs (key path, sensor).
 
-        Names are those of `Trajectory.measured`. Key paths begin after the key "sensors". The encoders' resolution is
+        `Trajectory.measured` uses the same names. Key paths begin after the key "sensors". The encoders' resolution is
         converted to the output side of the gear.
         """
         found: dict[str, tuple[str, Law]] = {}

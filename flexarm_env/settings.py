@@ -131,10 +131,11 @@ class Settings:
             of the tolerance.
         step_tolerance: permitted error of the tip, divided by the arm's length, in each control period of an
             environment or each interval between samples and kinks of a scene. dt is then the longest step, which is
-            halved up to five times. The error is estimated from the links' tips in steps of h and h/2. If five halvings
-            do not suffice, `Trajectory.step_error` and info report the remaining error. The estimate does not contain
-            errors of motors with elastic gears, of late reversals of Coulomb friction, or of the mesh. `step_tolerance`
-            must be at least `tolerance`. None (default): constant dt.
+            halved up to five times. The error is estimated from the difference between the links' tip positions that
+            steps of h and steps of h/2 reach. If five halvings do not suffice, `Trajectory.step_error` and info report
+            the remaining error. The estimate does not contain errors of motors with elastic gears, of late reversals of
+            Coulomb friction, or of the mesh. `step_tolerance` must be at least `tolerance`. None (default): constant
+            dt.
     """
 
     formulation: str = choice(FORMULATIONS, 'beam formulation; "paper" selects the solver of Meek & Liu (1995)')
@@ -261,7 +262,10 @@ class Settings:
 
     @property
     def period_error(self) -> float:
-        """Coefficient kappa: steps h multiply the period of a vibration of frequency omega by 1 + kappa (omega h)^2."""
+        """Coefficient kappa: time steps of length h multiply the period of a vibration by 1 + kappa (omega h)^2.
+
+        omega: angular frequency of the vibration, rad/s.
+        """
         # Newmark, e = gamma - 1/2: kappa = beta/2 - 1/24 - e/4 + e^2/8, at least 0
         # generalized-alpha: kappa = 1/12 + 3/8 ((1 - rho_inf)/(1 + rho_inf))^2
         if self.newmark is not None:
@@ -280,7 +284,10 @@ class Settings:
         return Settings.make(self.formulation, **merged(self.options(), options))
 
     def dividing(self, period: float | None) -> Settings:
-        """Return settings with the longest step that is at most dt and divides `period`, s; `self` for None."""
+        """Return settings with the longest step that is at most dt and divides `period`, s.
+
+        If `period` is None, return `self`.
+        """
         if period is None:
             return self
         assert self.dt is not None

@@ -267,8 +267,8 @@ def shape_of(path: str, value: Any, dimension: int) -> Shape:
     A table has the key `shape` ("half_space", "sphere", "box" or "cylinder") and the fields of this class.
 
     Raises:
-        ValueError: the value is neither a shape nor such a table, or the shape has another number of coordinates than
-            `dimension`.
+        ValueError: the value is neither a shape nor a table with these fields, or the shape has another number of
+            coordinates than `dimension`.
     """
     shape = value if isinstance(value, Shape) else _from_table(path, value)
     if shape.dimension != dimension:

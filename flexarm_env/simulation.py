@@ -93,7 +93,7 @@ class Simulation:
         self.reset(starts)
 
     def reset(self, starts: bool = True) -> None:
-        """Return to t = 0. starts: True to compute accelerations just after t = 0, False if the caller does so."""
+        """Return to t = 0. starts: True to compute accelerations just after t = 0; else the caller computes them."""
         self._flat[:] = 0.0
         self.work.q[:], self.work.v[:] = self.system.q0, self.system.v0
         self.t = self.gross = self.step_error = 0.0
@@ -121,7 +121,7 @@ class Simulation:
 
     def advance_to(self, t_end: float, account: bool = True) -> bool:
         """Advance to t_end, s, in steps of at most dt that end at every kink; return False if the solver has failed.
-        account: True to compute work and dissipation, which `work.books` contains."""
+        account: True to compute work and dissipation and to store them in `work.books`."""
         if self.t < t_end - NEAR * max(1.0, t_end):
             self._go(self._stretch(), np.array([t_end]), np.empty((1, self._sample)), np.empty((1, 0, 2)), account)
         return self.status == OK
@@ -189,7 +189,7 @@ class Simulation:
         return self._samples(self._stretch(ENERGY_LIMIT), instants, progress)
 
     def sample(self) -> tuple[dict[str, Array], Array]:
-        """Return arrays and positions as `record` does, for the present state alone (m = 1)."""
+        """Return the arrays and positions that `record` returns, with one sample (m = 1): the present state."""
         return self._samples(self._stretch(), np.array([self.t]), None)
 
     def _samples(
@@ -373,8 +373,8 @@ def simulate(
         error_limit: largest `error_estimate`, divided by the arm's length, for which the status is "ok".
         time_limit: largest wall-clock time, s, without compilation; a longer run ends with the status "timed_out". The
             time limit applies separately to the run and to each additional run of the error estimate (usually two).
-        estimate_error: True to estimate the error by additional runs. If False, `error_estimate` is nan, and
-            `error_parts` contains only energy and notes.
+        estimate_error: True to estimate the error by additional runs. With estimate_error=False, `error_estimate` is
+            nan, and `error_parts` contains only energy and notes.
         options: options of the formulation (`flexarm_env.settings.Settings`), such as segments=8 or dt=0.01. Steps are
             shorter than dt if a motion or load requires shorter steps: for a sine, at most a sixteenth of the period.
     Returns:

@@ -293,7 +293,7 @@ def _with_ends_held(t: Array, y: Array, rows: list[list[float]]) -> list[list[fl
 
 
 def linear_table(t: Sequence[float] | Array, y: Sequence[float] | Array) -> TimeFunction:
-    """Return the linear interpolation of y (n,) over t (n,), s, with n >= 2; outside, the first or last value. Each row
+    """Return the linear interpolation of y (n,) over t (n,), s, n >= 2; y[0] before t[0], y[-1] after t[-1]. Each row
     is a kink. Raises ValueError for too few rows, times that do not increase, or values that are not finite.
     """
     time, value = _columns(t, 2, y=y)
@@ -318,7 +318,7 @@ def spline_table(
         t (n,): increasing instants, s. psi (n,): values, rad or m. boundary: "not-a-knot" (default), "natural" (second
             derivative 0 at both ends) or "clamped" (first derivative 0 at both ends).
     Raises:
-        ValueError: a row or the boundary is invalid; the message names it.
+        ValueError: a row or the boundary is invalid; the message names the invalid row or `boundary`.
     """
     from scipy.interpolate import CubicSpline
 
@@ -347,7 +347,7 @@ def hermite_table(
 
     Args:
         t (n,): increasing instants, s. psi (n,): values, rad or m. psi_dot (n,): rates. psi_ddot (n,): accelerations.
-            With accelerations each interval has three cubics. Without (None) it has one cubic, and accelerations jump.
+            With psi_ddot an interval has three cubics; otherwise an interval has one cubic, and accelerations jump.
     After the last instant the value is constant. A ValueError names an invalid row.
     """
     if psi_ddot is None:
@@ -395,7 +395,7 @@ COLUMNS = ("t", "psi", "psi_dot", "psi_ddot")
 
 
 def from_array(data: npt.ArrayLike, interpolation: str | None = None) -> TimeFunction:
-    """Return a function from an array: columns t, psi and, if known, psi_dot, psi_ddot; see :func:`table`."""
+    """Return a function from an array with the columns t, psi and, if known, psi_dot, psi_ddot; see :func:`table`."""
     rows = np.asarray(data)
     if rows.ndim != 2 or not 2 <= rows.shape[1] <= 4 or rows.dtype.kind not in "fiu":
         what = f"{rows.dtype} of shape {rows.shape}"
@@ -418,8 +418,8 @@ def from_csv(
 
     Args:
         path: the CSV file. interpolation: as in :func:`table`.
-        column: name of the column with the values (rad, m, N or N m); other columns are ignored. If None, the file must
-            have the columns t, psi and optionally psi_dot and psi_ddot, and no others.
+        column: name of the column with the values (rad, m, N or N m); other columns are ignored. If `column` is None,
+            the file must have the columns t, psi and optionally psi_dot and psi_ddot, and no others.
         time: name of the column with the times, s. rate, acceleration: names of the columns with derivatives, or None.
         scale: factor on values and derivatives, for example a change of units or a gear ratio.
     Raises:

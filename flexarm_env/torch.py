@@ -7,7 +7,7 @@
     reward.sum().backward()
 
 The forward pass stores the state at the start of each control period. The backward pass simulates each period again
-from this state to compute its derivatives.
+from the stored state to compute the period's derivatives.
 """
 
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ Tensor = torch.Tensor
 
 
 class DifferentiableArms:
-    """n arms of an environment whose `step` and `observe` PyTorch can differentiate once.
+    """n arms of an environment, with methods `step` and `observe` that PyTorch can differentiate once.
 
     States are float64 tensors (n, S) on the CPU, which share memory with NumPy arrays. States and actions of another
     type are converted to float64; their gradients have the original type. Episodes do not end. Nothing is random after
@@ -41,7 +41,8 @@ class DifferentiableArms:
         arms: the underlying `Arms` object, with names and sizes of states. n: number of arms. observation_space,
             action_space: Gymnasium spaces of one arm.
         failed (n,) bool: True for arms whose solver failed in the last `step`; the results of these arms are NaN.
-        past (n,) bool: True for arms with a joint beyond its limits; the environment would end the episode.
+        past (n,) bool: True for arms with a joint beyond its limits; the environment would end the episodes of these
+            arms.
     Raises:
         ValueError: a feature of the environment has no derivatives (see `Arms`), or a tensor has a wrong shape or is
             not on the CPU.
@@ -58,7 +59,7 @@ class DifferentiableArms:
         self.failed, self.past = torch.tensor(self.arms.failed), torch.tensor(self.arms.past)
 
     def reset(self, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None) -> Tensor:
-        """Start episodes as the vector environment does with these seeds and options; return the states (n, S)."""
+        """Start an episode of each arm; return the states (n, S). seed, options: as in a vector environment."""
         return torch.from_numpy(self.arms.reset(seed, options))
 
     def observe(self, state: Tensor) -> Tensor:

@@ -61,7 +61,7 @@ class UnknownKey(BadKey):
 
 class UnknownArgument(UnknownKey, TypeError):
     """Error for an unknown keyword argument: also a TypeError, with the message of Python's own error. `gymnasium.make`
-    raises a copy of the error with the message as the only argument; ``path`` is then the whole message.
+    raises a copy with the message as the only argument; ``path`` of the copy is the whole message.
     """
 
     def __init__(self, path: str, allowed: Iterable[str] = (), what: str = "argument", hint: str = "") -> None:
@@ -94,15 +94,15 @@ class Unreadable(BadKey):
 
 
 def lacking(what: str, package: str, extra: str) -> str:
-    """Return a sentence that names a missing package, and two commands that install it: by the package's own name and
-    by an extra of flexarm_env.
+    """Return a sentence that names a missing package and two commands that install the package: by the package's own
+    name, and by an extra of flexarm_env.
     """
     return f'{what} needs {package}: pip install {package} (or install flexarm_env with the extra "{extra}")'
 
 
 @contextlib.contextmanager
 def needs(what: str, package: str, extra: str, error: type[Exception] = ImportError) -> Iterator[None]:
-    """Context manager for the import of an optional package; raise `error` with an install command if it is missing."""
+    """Import an optional package in a `with` block; raise `error` with an install command if the package is missing."""
     try:
         yield
     except ImportError as missing:
@@ -273,7 +273,7 @@ def choice(path: str, value: object, allowed: Sequence[str]) -> str:
 
 
 def sequence(path: str, value: object, what: str, length: int | None = None) -> tuple[Any, ...]:
-    """Validate a list, tuple or 1-D array; return a tuple. ``what`` names the elements in the message."""
+    """Validate a list, tuple or 1-D array; return a tuple. what: noun for the elements in messages."""
     if isinstance(value, np.ndarray) and value.ndim == 1:
         value = value.tolist()
     # texts and iterators are rejected
@@ -305,7 +305,7 @@ def instance(path: str, value: object, kind: type[T]) -> T:
 
 
 def instances(path: str, value: object, kind: type[T], what: str = "") -> tuple[T, ...]:
-    """Validate a sequence of objects of the class ``kind`` and return a tuple; ``what`` names them in the message."""
+    """Validate a sequence of objects of the class ``kind``; return a tuple. what: noun for messages."""
     parts = sequence(path, value, what or kind.__name__)
     return tuple(instance(f"{path}[{i}]", part, kind) for i, part in enumerate(parts))
 
@@ -359,9 +359,9 @@ def arrays(
     """Validate types and shapes of several arrays, and return the arrays by name.
 
     Args:
-        given: arrays by name. table: for each name a key of :data:`KINDS` and a shape. Equal words in shapes require
-            equal lengths. A shape that ends in "..." permits further axes. sizes: known lengths by word, to which the
-            function adds the lengths that it finds.
+        given: arrays by name. table: for each name, a pair of a key of :data:`KINDS` and a shape. Equal words in shapes
+            require equal lengths. A shape that ends in "..." permits further axes. sizes: known lengths by word, to
+            which the function adds the lengths that it finds.
     Raises:
         ValueError: an array is missing or has a wrong type or shape; the message names the first such array.
     """

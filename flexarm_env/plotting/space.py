@@ -12,7 +12,7 @@ from .style import COLORS, FAINT, INK, draw_energies, legend_above, mark_kinks, 
 def plot_in_space(
     trajectory: Any, path: str | os.PathLike[str], reference: Any, shapes: int, title: str
 ) -> Path:
-    """Plot a run in space as `plotting.plot_trajectory` does, without a reference."""
+    """Plot a run in space, as in `plotting.plot_trajectory` but without a reference solution."""
     with styled_figure(path, 12.0, 5.6, title) as figure:
         grid = figure.add_gridspec(3, 2, width_ratios=[6.6, 4.6])
         axes: Any = figure.add_subplot(grid[:, 0], projection="3d")

@@ -174,7 +174,7 @@ class Wire:
     def numbers(self, name: str, value: Any) -> Array:
         """Convert `value` to an array (N,) with one finite number per joint.
 
-        Raises ValueError if this is impossible; the message begins with `name`.
+        Raises ValueError if the conversion is impossible; the error message begins with `name`.
         """
         try:
             found = np.asarray(value, np.float64)
@@ -339,12 +339,12 @@ class Played:
 
     Args:
         path: CSV file with evenly spaced times, s, in column t and torques, N m, in the columns torque0, torque1 and so
-            on. period: control period of the
-            arm, s. limits (N,): torque limits of the arm, N m.
+            on. period: control period of the arm, s. limits (N,): torque limits of the arm, N m.
     Attributes:
         seconds: duration of the file, s.
     Raises:
-        ValueError: the columns are wrong, the rows have another period, or a torque exceeds the limits.
+        ValueError: the columns are wrong, the time between two rows differs from `period`, or a torque exceeds the
+            limits.
     """
 
     def __init__(self, path: str | os.PathLike[str], period: float, limits: Array) -> None:

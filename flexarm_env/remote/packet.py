@@ -157,7 +157,7 @@ def checked(key: bytes | None) -> bytes | None:
 
 
 def bound(name: str, value: float) -> float:
-    """Validate a limit: a positive number, or infinity for no limit. Raises ValueError for any other value."""
+    """Validate a limit: a positive number, or infinity for no limit. Raises ValueError for an invalid limit."""
     return value if isinstance(value, float) and value == math.inf else check.number(name, value, above=0.0)
 
 

@@ -251,8 +251,8 @@ class Session:
     def skip(self, periods: int) -> None:
         """Count control periods that passed without a step of the arm.
 
-        If more periods passed than the watchdog allows, hold the arm. Drop any command that has arrived in the
-        meantime, because this command was computed for a past instant.
+        If more periods passed than the watchdog allows, hold the arm and drop a command that arrived in the meantime,
+        because the command was computed for a past instant.
         """
         self.silent += periods
         if periods > self.limits.watchdog:
@@ -336,7 +336,7 @@ class Server:
             receives `Session.notice`.
     Attributes:
         times: scheduled start, actual start and end of each of the last 100,000 periods, s of the monotonic clock.
-        missed: number of skipped periods: their time had passed before the computer was ready.
+        missed: number of periods that the server skipped because the computer was not ready in time.
     """
 
     session: Session

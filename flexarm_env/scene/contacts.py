@@ -27,8 +27,8 @@ class Contact:
 
     The normal force at the penetration d is F_n = max(0, k d^n (1 + 3/2 alpha dd/dt)) (Hunt & Crossley 1975). The
     friction force at the sliding velocity w is the regularized Coulomb law F_t = -mu F_n w / sqrt(|w|^2 + v_s^2). With
-    this law a point never sticks. Under a tangential force F < mu F_n the point creeps with a velocity of at most
-    v_s / sqrt((mu F_n / F)^2 - 1).
+    the regularized friction law a point never sticks. Under a tangential force F < mu F_n the point creeps with a
+    velocity of at most v_s / sqrt((mu F_n / F)^2 - 1).
 
     Args:
         obstacle: `HalfSpace`, `Sphere`, `Box` or, in space, `Cylinder` (`flexarm_env.shapes`). In the plane shapes have
@@ -164,7 +164,7 @@ class Contact:
 
 
 def touching_points(contacts: Iterable[Contact], arm: Arm) -> list[tuple[int, float]]:
-    """Return the points that may touch obstacles, from root to tip: pairs as `Contact.points` returns."""
+    """Return the points that may touch obstacles, from root to tip, as pairs like those of `Contact.points`."""
     return sorted({point for contact in contacts for point in contact.points(arm)})
 
 
@@ -214,9 +214,10 @@ def _shape(path: str, value: object, dimension: int | None) -> Shape:
 
 
 def contacts_of(path: str, value: object, arm: Arm, dimension: int | None = None) -> tuple[Contact, ...]:
-    """Return an arm's contacts, validated, from a contact, a table, a sequence of both, or None (no contacts).
+    """Return an arm's validated contacts from a contact, a table, or a sequence of contacts and tables.
 
-    dimension: 2 for an arm in the plane, 3 for an arm in space; None if the dimension is unknown.
+    The value None means no contacts. dimension: 2 for an arm in the plane, 3 for an arm in space; None if the dimension
+    is unknown.
 
     Raises:
         ValueError: a value is invalid; the message names the key path, the value and the rule.

@@ -62,8 +62,8 @@ class Scene:
         gravity: gravitational acceleration (gx, gy), in space (gx, gy, gz), m/s^2, or None.
         space: True to compute the scene in space even if it could be computed in the plane. A scene is always in space
             if its arm, its gravity, its initial position or velocity, a load, or a motion of the root has a component
-            out of the x-y plane. If such a scene stays in another plane, `simulate` computes it in that plane
-            (`scene.plane.in_plane`).
+            out of the x-y plane. If the motion of a scene in space stays in a plane, `simulate` computes the
+            scene in that plane (`scene.plane.in_plane`).
         solver: default formulation and solver options of the scene, as pairs (name, value) or a dict.
         description, source, note: texts on content, origin and assumptions.
     """
@@ -298,8 +298,8 @@ class Scene:
     def kinks(self) -> tuple[float, ...]:
         """Increasing instants, s, within the duration at which a time step must end ("kinks").
 
-        Kinks are instants at which the rate or acceleration of a motion or of an obstacle's displacement jumps, or the
-        value or slope of a load.
+        At a kink the rate or acceleration of a motion or of an obstacle's displacement jumps, or the value or slope of
+        a load jumps.
         """
         # motions count with two derivatives (acceleration), loads with one
         times = {t for motion in self.motions for t in motion.function.kinks}
@@ -308,11 +308,11 @@ class Scene:
         return tuple(sorted(t for t in times if 0.0 < t < self.duration * (1.0 - 1e-12)))
 
     def settings(self, formulation: str | None = None, **options: Any) -> Settings:
-        """Return solver settings for this scene: ``options``, then the scene's ``solver``, then defaults.
+        """Return solver settings for this scene.
 
-        If `formulation` differs from the scene's formulation (default "floating_frame", in space
-        "geometrically_exact"), the settings in ``solver`` are ignored. The default mesh is finer for arms whose
-        sections jump or kink (`scene.mesh`).
+        ``options`` override the scene's ``solver``, which overrides the defaults. If `formulation` differs from the
+        scene's formulation (default "floating_frame", in space "geometrically_exact"), the settings in ``solver`` are
+        ignored. The default mesh is finer for arms whose sections jump or kink (`scene.mesh`).
         """
         own = dict(self.solver)
         preferred = own.pop("formulation", self.axes.formulation)

@@ -62,7 +62,7 @@ class JointTorque:
 
     @property
     def functions(self) -> tuple[TimeFunction, ...]:
-        """Functions of time that define this torque."""
+        """Functions of time that define the joint torque."""
         return (self.function,)
 
 

@@ -30,15 +30,15 @@ def divided(arm: Arm) -> bool:
 
 
 def default_mesh(arm: Arm, formulation: str, given: Collection[str] = (), axes: Axes = PLANE) -> dict[str, int]:
-    """Return mesh options for an arm with jumps or kinks of the section, as fine as the default of a uniform arm.
+    """Return options of a mesh as fine as a uniform arm's default mesh, for an arm whose sections jump or kink.
 
     The result is {} if no link has a jump or kink; the formulation's default then applies. All links have the same
-    number of nodes or cells, the largest that a link requires. The number of nodes is at most 24. A link with few
-    intervals between jumps or kinks permits fewer nodes, and the lowest number that a link permits is used.
+    number of nodes or cells, the largest number that any link requires. The number of nodes is at most 24. A link with
+    few intervals between jumps or kinks permits fewer nodes, and the lowest number that a link permits is used.
 
     Args:
         given: names of the options that the user sets; if the user sets mesh or modes, the result is {}. axes: axes of
-            the scene; in space the elastica has one polynomial for each link.
+            the scene; in space the elastica has one polynomial for each link, and the result is {}.
     """
     chosen = {"segments", "elements", "modes", "nodes"}.intersection(given)
     if not divided(arm) or chosen or not axes.divides_cells(formulation):
@@ -55,9 +55,9 @@ def default_mesh(arm: Arm, formulation: str, given: Collection[str] = (), axes: 
 def halved_mesh(arm: Arm, settings: Settings) -> tuple[Arm, Settings] | None:
     """Return an arm and settings with each cell of the mesh divided into at least two cells, or None.
 
-    The returned arm has the same mechanical properties. Its sections have additional points in the middle of each cell,
-    at which the mesh is divided. The result is None if there would be too many cells, if links are reduced to modes, or
-    if a tapered link needs more than 6 nodes.
+    The returned arm has the same mechanical properties as `arm`. The sections of the returned arm have an additional
+    point in the middle of each cell; the finer mesh divides the cell at this point. The result is None if there would
+    be too many cells, if links are reduced to modes, or if a tapered link needs more than 6 nodes.
     """
     # cells: nodes - 1 intervals of an elastica, or elements, or segments
     option, further = _CELLS[settings.formulation]

@@ -16,9 +16,9 @@ from .data import Task, task, tasks
 def make(task_id: str, **more: Any) -> Any:
     """Create the environment of a task, as `gymnasium.make` does.
 
-    more: further keywords of the environment. `render_mode` and `info_level` leave the task unchanged. Every other
-    keyword changes the task and causes a warning. Scores on a changed task do not count in the suite. `duration` and
-    `reward` cause no warning, because training may change them.
+    more: further keywords of the environment. Keywords other than `render_mode` and `info_level` change the task and
+    cause a warning. Scores on a changed task do not count in the suite. `duration` and `reward` cause no warning,
+    because training may change them.
     """
     import gymnasium
 

@@ -33,8 +33,9 @@ class Record:
 
     Attributes:
         actions (T, n, N): actions of the N joints, float32. values (n,): each episode's return minus the task's price
-            times the episode's cost. by (n,): for each episode, name of the policy that chose the actions, or from
-            whose actions an optimization started. digest: digest of the task. date: date in ISO format.
+            times the episode's cost. by (n,): for each episode, name of the policy that chose the actions; for
+            optimized actions, name of the policy whose actions the optimization started from. digest: digest of the
+            task. date: date in ISO format.
     """
 
     actions: NDArray[np.float32]
@@ -81,7 +82,7 @@ def record(task: Task) -> Record:
 
 
 def rounding(task_id: str) -> float:
-    """Return the largest difference of the mean value J between replays of a record on two processors (`ROUNDING`)."""
+    """Return the largest difference that two processors can cause between the values J of a replay (`ROUNDING`)."""
     return UPRIGHT.get(task_id, ROUNDING)
 
 

@@ -95,7 +95,7 @@ def read(text: str, task_id: str) -> Task:
 def tasks(*, earlier: bool = False) -> tuple[Task, ...]:
     """Return all tasks in order, each in its latest version.
 
-    earlier: True to include the previous versions.
+    earlier: True to include the previous versions of the tasks.
     """
     folder = resources.files("flexarm_env") / "data" / "suite"
     files = [entry for entry in folder.iterdir() if entry.name.endswith(".toml")]

@@ -35,10 +35,10 @@ class Possible(NamedTuple):
 def possible(task_id: str) -> Possible:
     """Compute the largest length and the bounds of the return of a task's episodes from its reward terms.
 
-    In each period the terms accuracy, settle and force are at most 1, and the penalties impulse, distance, vibration
-    and attitude are at most 1. The penalty effort is at most 1 per joint, and the penalty change at most 4 per joint.
-    Each term is multiplied by its weight. The failure penalty is subtracted at most once in an episode. If the
-    task's `rules` are 2, distance and attitude can instead be rewards of at most 1.
+    In each period the terms `accuracy`, `settle` and `force` are at most 1, and the penalties `impulse`, `distance`,
+    `vibration` and `attitude` are at most 1. The penalty `effort` is at most 1 per joint, and the penalty `change` is
+    at most 4 per joint. Each term is multiplied by its weight. The failure penalty is subtracted at most once in an
+    episode. If the task's `rules` are 2, `distance` and `attitude` can be rewards of at most 1 instead of penalties.
     """
     made = resolved(task(task_id))
     weight = dict(zip(made.kind.rewards, made.record.weights.tolist(), strict=True))

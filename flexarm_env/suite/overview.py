@@ -123,7 +123,7 @@ def _best(task: Task, lines: Sequence[Line]) -> Line | None:
 
 
 def controller(lines: Sequence[Line]) -> Line | None:
-    """Return the best policy without training."""
+    """Return the policy with the highest value among the policies that need no training."""
     return next((line for line in lines if line.policy and not line.learnt), None)
 
 

@@ -139,10 +139,10 @@ def _second(task: Task, line: Line, learnt: set[int]) -> tuple[str, str, str]:
 
 
 def gap(task: Task, line: Line, first: Line) -> tuple[float, float, int] | None:
-    """Return the score of the method `first` minus the score of `line`, computed from differences per episode.
+    """Return the score of the method `first` minus the score of the method `line`.
 
-    Returns the mean difference, the half width of its 95 % interval, and the number of common episodes; None if the
-    task has no reference values.
+    The difference is computed in each episode. Returns the mean difference, the half width of its 95 % interval, and
+    the number of common episodes; None if the task has no reference values.
     """
     known = reference(task)
     if known is None:
@@ -155,7 +155,7 @@ def gap(task: Task, line: Line, first: Line) -> tuple[float, float, int] | None:
 
 
 def widest(task: Task, lines: Sequence[Line]) -> float:
-    """Return the largest half width of the 95 % intervals of `gap` among all pairs of policies.
+    """Compute the 95 % interval of `gap` for each pair of policies; return the largest half width.
 
     Policies that were trained with less than the task's budget are excluded.
     """

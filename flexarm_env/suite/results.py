@@ -72,8 +72,9 @@ class Results:
     def known(self, task: Task, chosen: Chosen, episodes: int) -> int:
         """Return the number of episodes of a task for which this file has results of a policy.
 
-    The number is 0 if the stored results belong to another policy, another version of the task, or other episodes. The
-    number is also 0 for policies that are Python functions: a function's name does not determine its behavior.
+        The number is 0 if the stored results belong to another policy, another version of the task, or other episodes.
+        The number of episodes is also 0 for policies that are Python functions, because the name of a function does not
+        determine the function's behavior.
         """
         entry = self.tasks.get(task.id)
         if entry is None or chosen.kind == "function" or entry["policy"]["fingerprint"] != chosen.fingerprint:
@@ -82,7 +83,7 @@ class Results:
         return length(entry) if (entry["digest"], entry["first_seed"], entry["episodes"]) == asked else 0
 
     def other_than(self, word: str, chosen: Chosen) -> str:
-        """Return the name of the policy with stored results if it differs from the policy `word`, otherwise ""."""
+        """Return the name of a policy other than `word` that has results in this file; "" if there is none."""
         for task, entry in self.tasks.items():
             source = entry["policy"].get("source", "")
             if os.path.normpath(source) != os.path.normpath(word.replace(PLACE, task)) and (
@@ -109,14 +110,14 @@ def judged(
     are returned, but do not replace stored results on all 100 episodes.
 
     Args:
-        word: name of the policy. wanted: the tasks. folder: folder of the results file. choose: function that finds
-            the policy, see `suite.policies.choose`. name, run: name and run of the results. None means the policy's own
-            name and run, and a results file of another policy is then rejected. episodes: number of episodes, counted
-            from the protocol's first episode, at least the stored number. Beyond the first 100 episodes only the values
-            are stored.
+        word: name of the policy. wanted: the tasks. folder: folder of the results file. choose: function that finds the
+            policy, see `suite.policies.choose`. name, run: name and run of the results. None means the policy's own
+            name and run. Without `name`, a results file of another policy is rejected. episodes: number of episodes,
+            counted from the protocol's first episode. A new evaluation of 100 or more episodes has at least as many
+            episodes as the stored results. Beyond the first 100 episodes only the values are stored.
     Returns:
-        The results on these tasks; messages about the tasks that failed; and, by task id, a note about each task whose
-        stored results were kept.
+        The results on the evaluated tasks; messages about the tasks that failed; and, by task id, a note about each
+        task whose stored results were kept.
     """
     known: Results | None = None
     found = Results(name or default_name(word))
@@ -235,7 +236,7 @@ def values(task: Task, entry: Mapping[str, Any]) -> NDArray[np.float64]:
 
 
 def length(entry: Mapping[str, Any]) -> int:
-    """Return the number of episodes of an entry with consecutive seeds from the protocol's first seed on."""
+    """Return the number of an entry's episodes whose seeds are consecutive and begin with the protocol's first seed."""
     return int(entry["episodes"]) + len(entry.get("further") or ())
 
 
@@ -248,7 +249,7 @@ def settling(task: Task, entry: Mapping[str, Any]) -> float | None:
     """Return the mean time, s, after which an episode stays within the success bounds until its end.
 
     The time is computed by `episodes.measures.success_period`. For a failed episode the time is the full duration. The
-    result is None if the entry does not contain this time.
+    result is None if the entry lacks the key "settled".
     """
     if "settled" not in entry:
         return None
@@ -263,7 +264,7 @@ def of_the_protocol(task: Task, entry: Mapping[str, Any]) -> bool:
 
 
 def of_task(task: Task, found: Iterable[Results]) -> Iterator[tuple[Results, dict[str, Any]]]:
-    """Yield the results in `found` that contain the task on the protocol's episodes, each with the task's entry."""
+    """Yield pairs (results, entry) for all results in `found` with an entry of the task on the protocol's episodes."""
     for one in found:
         entry = one.tasks.get(task.id)
         if entry is not None and of_the_protocol(task, entry):
@@ -283,8 +284,8 @@ def read(path: Path, *, earlier: bool = False) -> Results:
     """Read a results file of the suite. A ValueError names the file, the key, its value and the rule.
 
     Args:
-        earlier: accept entries of earlier versions of a task. If False, an entry whose digest differs from the task's
-            digest is rejected.
+        earlier: accept entries of earlier versions of a task. With earlier=False, an entry whose digest differs from
+            the task's digest is rejected.
     """
     content = read_json(path)
     with check.in_file(path):

@@ -2,8 +2,9 @@
 
 The score of a policy on a task is (J - J_PD) / (J_best - J_PD). J is the policy's mean return minus the task's price
 times the mean cost. J_PD is the J of PD control, and J_best was the largest known J when the reference was computed.
-The mean score of a method over tasks and runs is the interquartile mean, the mean of the middle half of all scores. Its
-interval is a percentile bootstrap interval, with runs resampled within each task (Agarwal et al. 2021).
+The mean score of a method over tasks and runs is the interquartile mean, the mean of the middle half of all scores. The
+interval of the mean score is a percentile bootstrap interval, with runs resampled within each task (Agarwal et al.
+2021).
 """
 
 import json

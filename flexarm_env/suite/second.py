@@ -7,9 +7,9 @@ be easy. Policies without such numbers (Python functions, ONNX models, actions o
 on the 100 public episodes.
 
 A permutation test compares the public and the second 100 episodes. The data of the test are the policy's value minus
-the value of PD control in each of the 200 episodes. The test assigns these data at random to two groups of 100. The p
-value is the share of assignments in which the group means differ at least as much as the measured means. Holm's method
-(1979) adjusts p for multiple tests.
+the value of PD control in each of the 200 episodes. The test assigns the 200 differences at random to two groups of
+100. The p value is the share of assignments in which the group means differ at least as much as the measured means.
+Holm's method (1979) adjusts p for multiple tests.
 """
 
 import dataclasses

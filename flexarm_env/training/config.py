@@ -1,9 +1,9 @@
 """Hyper-parameters from files in RL Zoo's format: one entry per environment id.
 
-A file may contain two further tables, whose keys are environment ids too. `env_kwargs` contains keyword arguments of
-the environment for which the hyper-parameters were chosen. RL Zoo ignores `env_kwargs`; users of RL Zoo pass the same
-keywords by `--env-kwargs`. `around` names a classical controller (`control.around.Inside`), whose torques are added to
-the network's torques, and the largest torque of the network as a fraction of the torque limits.
+A file may contain two further tables, `env_kwargs` and `around`; their keys are environment ids. `env_kwargs` contains
+keyword arguments of the environment for which the hyper-parameters were chosen. RL Zoo ignores `env_kwargs`; users of
+RL Zoo pass the same keywords by `--env-kwargs`. `around` names a classical controller (`control.around.Inside`), whose
+torques are added to the network's torques, and the largest torque of the network as a fraction of the torque limits.
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ class Config:
     Args:
         algorithm: name of the algorithm, a key of CLASSES. text: values of the file by key. env_kwargs: keyword
             arguments of the environment.
-        around: controller whose torques are added to the network's torques, with the keys controller, share and gains;
-            {} for no controller.
+        around: table with the keys controller, share and gains, for a controller whose torques are added to the
+            network's torques; {} for no controller.
     """
 
     algorithm: str
@@ -71,7 +71,7 @@ class Config:
         return self if n_timesteps is None else replace(self, text={**self.text, "n_timesteps": n_timesteps})
 
     def changed(self, settings: Sequence[str], env_id: str) -> Config:
-        """Return the config with the hyper-parameters in `settings` changed; each is a text KEY=VALUE.
+        """Return the config with the hyper-parameters in `settings` changed; each setting is a text KEY=VALUE.
 
         Raises ValueError for invalid keys or values.
         """
@@ -130,7 +130,8 @@ def _literal(text: str) -> Any:
 def default_path(algorithm: str, env_id: str = "") -> Path:
     """Return the path of an algorithm's default file of hyper-parameters.
 
-    The file is default.yml, or suite.yml for tasks of the suite. For PPO on the suite task `press` it is press.yml.
+    The file is default.yml, or suite.yml for tasks of the suite. For PPO on the suite task `press` the file is
+    press.yml.
     """
     if not env_id.startswith("flexarm/"):
         return HOME / algorithm / "default.yml"
@@ -142,9 +143,9 @@ def load(path: Path | None, algorithm: str, env_id: str, allowed: Collection[str
     """Read the hyper-parameters of an environment from a file. A ValueError names the file, the key and the rule.
 
     path: your own file, or a file of the package. A file of the package is named by its path in a checkout
-    (configs/ppo/robust.yml). A file for this algorithm may also be named by its stem (robust). None means
-    `default_path`.
-    allowed: accepted keys of the entry; None means the arguments of the algorithm's class in Stable-Baselines3.
+    (configs/ppo/robust.yml). A file for this algorithm may also be named by its stem (robust). None means the file that
+    `default_path` returns. allowed: accepted keys of the entry; None means the arguments of the algorithm's class in
+    Stable-Baselines3.
     """
     yaml = _yaml()
     check.choice("algo", algorithm, tuple(CLASSES))

@@ -46,7 +46,7 @@ def judged_in(kwargs: Mapping[str, Any], asked: Mapping[str, Any] | None = None)
 
 
 def user_keywords(env_id: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return those of the user's keywords `given` that are in `TRAINING_ONLY`; evaluation uses them too.
+    """Select the user's keywords `given` that are in `TRAINING_ONLY`; evaluation also uses the selected keywords.
 
     The result is {} for tasks of the suite, whose evaluation never changes.
     """
@@ -59,8 +59,8 @@ def validation(env_id: str, kwargs: Mapping[str, Any], asked: Mapping[str, Any] 
     """Derive the environment keywords of the validation episodes from the keywords `kwargs` of training.
 
     Validation uses the user's reward weights if `asked` (`user_keywords`) contains them, and otherwise the
-    environment's default weights. In the default weights the weight `cost` is replaced by the weight of training, if
-    training has one. The arm keeps its nominal link lengths, even if training draws them at random (`LENGTHS`).
+    environment's default weights. If training has a weight `cost`, this weight replaces `cost` in the default weights.
+    The arm keeps its nominal link lengths, even if training draws them at random (`LENGTHS`).
     """
     left_out = (*TRAINING_ONLY, LENGTHS)
     judged, reward = {k: v for k, v in kwargs.items() if k not in left_out}, kwargs.get("reward")

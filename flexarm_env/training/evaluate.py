@@ -103,9 +103,9 @@ def keywords(arguments: Arguments, chosen: NamedPolicy) -> dict[str, Any]:
 
 
 def bounds(env: Any, result: fixed.Episodes) -> dict[str, float]:
-    """Return lower bounds of the settling time, s, for one-link slews (medians over the episodes); {} otherwise.
+    """Return lower bounds of the settling time, s, for one-link slews (medians over the episodes); {} for other tasks.
 
-    One bound is the duration of the time-optimal slew of a rigid link. The other bound is the duration of the
+    The first bound is the duration of the time-optimal slew of a rigid link. The second bound is the duration of the
     time-optimal slew that brings the flexible link to rest.
     """
     setup = Setup.of(env)

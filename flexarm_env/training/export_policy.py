@@ -97,7 +97,10 @@ def difference(policy: NumpyPolicy, model: Any, normaliser: Any = None, n: int =
 
 
 def export(run: Path) -> float:
-    """Export a run folder's model to policy.npz; return the largest difference between the actions of both policies."""
+    """Export a run folder's model to policy.npz.
+
+    Return the largest difference between the actions of the model and the actions of the exported policy.
+    """
     record = read_run(run)
     model, normaliser = load_model(run, record["algorithm"])
     meta = {key: record[key] for key in OF_POLICY if key in record}  # older runs have fewer

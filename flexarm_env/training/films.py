@@ -1,4 +1,4 @@
-"""Films of an episode under one policy, or under several side by side.
+"""Films of an episode under one policy, or under several policies side by side.
 
     python -m flexarm_env.training.films --policy runs/ppo-FlexibleArm-v0-0,pd --out runs/beside.gif
     python -m flexarm_env.training.films --env TwoLinkFlexArm-v0 --policy pd,lqr --seed 10004 --out two.mp4 --size 480

@@ -4,7 +4,8 @@ The method follows Xu et al. 2022 (Accelerated policy learning with parallel dif
 a window of a few control periods. The objective is the sum of the discounted rewards in the window and the critic's
 estimate of the return after the window. The gradient of the objective by the policy's weights is computed backward
 through all periods of the window. The critic is fitted to the returns. The class `Gradient` has the interface of a
-Stable-Baselines3 algorithm. Its policies and checkpoints have PPO's format, so that the same functions read them.
+Stable-Baselines3 algorithm. Policies and checkpoints of `Gradient` have PPO's format, so that the functions that read
+PPO's files read them.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ class Gradient(BaseAlgorithm):
             gradient.
         limit_margin: if a joint is within this angle, rad, of its limit, a cost is subtracted from the reward.
         limit_cost: value of this cost, per period, for a joint at its limit. At a joint limit the episode ends and the
-            return jumps. The gradient does not contain this jump, so the cost replaces it.
+            return jumps. The gradient does not contain the jump; the cost replaces the jump in the gradient.
         policy_kwargs, seed, verbose, device, tensorboard_log: as for PPO of Stable-Baselines3.
     """
 

@@ -37,7 +37,10 @@ class Parameters:
         self._shapes = [tuple(tensor.shape) for tensor in tensors]
 
     def views(self, of: Array32) -> list[Array32]:
-        """Return a view of each parameter, in its shape, from the array `of`, which has the layout of `values`."""
+        """Return views of the array `of`: one view for each parameter, with the parameter's shape.
+
+        The array has the layout of `values`.
+        """
         return [of[own].reshape(shape) for own, shape in zip(self._slices, self._shapes, strict=True)]
 
     def descend(self, rate: float, most: float | None = None) -> float:

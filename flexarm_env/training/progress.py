@@ -67,7 +67,7 @@ class Progress:
         return better
 
     def judged(self, steps: int) -> bool:
-        """Return whether the last evaluation took place after `steps` steps."""
+        """Return whether the training had done exactly `steps` steps at the last evaluation."""
         return steps in [row["steps"] for row in self.curve[-1:]]
 
     def outcome(self) -> dict[str, Any]:
@@ -160,7 +160,7 @@ def training_program(program: str, train: Callable[[Any], Any], arguments: Any) 
 
 
 def finished(trainer: Any, folder: Path, **given: Any) -> str:
-    """Start or resume the run in a folder, unless it is finished; return a text that describes its result."""
+    """Start or resume the run in a folder, unless the run is finished; return a text about the run's result."""
     begun = (folder / "run.json").exists()
     if begun and read_run(folder).get("finished"):
         return f"kept from an earlier call ({folder})"

@@ -231,7 +231,8 @@ def new_checkpoint(folder: Path, steps: int, best: Iterable[str]) -> Iterator[Pa
     """Yield an empty folder for a `with` block; at the block's end the folder atomically becomes a checkpoint.
 
     The last two checkpoints are kept. steps: environment steps so far. best: names of the files of the best model so
-    far. The checkpoint contains copies of these files, so that model and learning curve are restored together.
+    far. The checkpoint contains copies of the best model's files, so that model and learning curve are restored
+    together.
     """
     home = folder / "checkpoints"
     part, final = home / f".part-{os.getpid()}", home / f"{steps:012d}"
@@ -270,7 +271,7 @@ def restored(folder: Path, read: Callable[[Path, Any], T]) -> T:
 
 
 def load_model(folder: Path, algorithm: str) -> tuple[Any, Any]:
-    """Load a folder's model and VecNormalize statistics (or None); raise ValueError if they are unreadable."""
+    """Load a folder's model and VecNormalize statistics (or None); raise ValueError if a file is unreadable."""
     import torch
 
     from flexarm_env.training.config import algorithm_class
@@ -296,7 +297,7 @@ def load_model(folder: Path, algorithm: str) -> tuple[Any, Any]:
 def load_normaliser(path: Path, model: Any) -> Any:
     """Load the VecNormalize statistics of a model from a file.
 
-    Raises ValueError if the file contains something else, or the statistics of another model.
+    Raises ValueError if the file contains no VecNormalize statistics, or the statistics of another model.
     """
     try:
         with path.open("rb") as file:

@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 
 def staggered(native: Any, seed: int) -> NDArray[np.float32] | None:
-    """Advance n environments by one episode in which each is reset at another time; return observations (n, O).
+    """Advance n environments by one episode, and reset each environment at a different time.
 
     After this call the environments are at n different times of their episodes. Episodes of equal length that all
     start together would fill each rollout with a single phase of the task: all arms moving, then all arms at rest. The
-    actions are 0. The result is None if an episode consists of a single step.
+    actions are 0. The function returns the observations (n, O), or None if an episode consists of a single step.
 
     Args:
         native: a native vector environment after `reset`. seed: seed of the random order of the reset times.

@@ -42,9 +42,9 @@ is in mm, overshoot in %."""
 
 
 def summary(result: Episodes) -> dict[str, Any]:
-    """Return a statistic of each of `QUANTITIES`, its interval (key + "_interval"), and two further rates.
+    """Return a statistic and an interval (key + "_interval") for each of `QUANTITIES`, and two rates.
 
-    The rates are the shares of episodes that settled and of episodes that ended early.
+    The first rate is the share of episodes that settled; the second rate is the share of episodes that ended early.
     """
     out: dict[str, Any] = {"episodes": len(result.success)}
     for key, (_, statistic, values) in QUANTITIES.items():

@@ -50,8 +50,9 @@ class Arguments(Training):
             only as model.zip, because policy.npz cannot store a recurrent network).
         config: file of hyper-parameters in RL Zoo's format, or the name of such a file of the package, for example
             robust; default configs/ALGO/default.yml, or suite.yml for tasks of the suite.
-        around: classical controller whose torque is added to the network's, such as pd, or pd@FILE with gains from a
-            file of `flexarm tune`. By default the config names the controller; most configs have none.
+        around: classical controller whose torque is added to the network's torque: for example pd, or pd@FILE with
+            gains from a file of `flexarm tune`. By default the config names the controller; most configs name no
+            controller.
         share: largest torque of the network with --around, as a fraction of the torque limits; default 0.7.
     """
 

@@ -7,14 +7,14 @@
     flexarm tune --env FlexibleArm-v0 --env-kwargs '{"arm": "mine.toml"}' --controllers pd,zvd --out mine_gains.toml
 
 The search minimizes the mean settling time plus a penalty. The penalty is the episode's duration times the fraction of
-failed episodes. The episodes are used for neither training nor evaluation. The search starts from the gains in the
-output file, or from the gains of the package if this file does not exist. The output file is --out or, by default,
+failed episodes. The tuning episodes are used for neither training nor evaluation. The search starts from the gains in
+the output file, or from the gains of the package if this file does not exist. The output file is --out or, by default,
 runs/gains/TASK.toml. Pass the file to `flexarm evaluate --policy zv@FILE`. In a checkout, `python -m agents.tune`
 instead writes flexarm_env/data/control/TASK.toml, the file that `flexarm_env.control.make` reads.
 
 Gains of pd, zv and zvd must have a minimum gain margin (--margin; default: a factor of 2, which is 6 dB). The closed
 loop of the linearized arm, sampled at the control period, must be stable with all gains multiplied by the margin.
-Without this condition (--margin 0) the search finds unstable loops. Such loops end in a limit cycle in which the
+Without a gain margin (--margin 0) the search finds unstable loops. An unstable loop ends in a limit cycle in which the
 elbow's torque changes sign in every period.
 """
 
@@ -103,7 +103,9 @@ class Arguments:
 
 
 class SearchProgress:
-    """Cost function that also prints the progress of a search on standard error, in a terminal on one line.
+    """Cost function that also prints the progress of a search on standard error.
+
+    In a terminal the progress occupies one line.
 
     Args:
         cost: function of the gains that returns their cost, s. name: name of the controller. total: largest number of
@@ -144,7 +146,7 @@ def search(
 ) -> tuple[Array, float]:
     """Minimize the cost over k gains within bounds (k, 2), by Sobol points and then Nelder-Mead.
 
-    Both methods vary the logarithms of the gains. start (k,): known gains that are evaluated first, or None.
+    The two search methods vary the logarithms of the gains. start (k,): known gains that are evaluated first, or None.
     Returns the best gains and their cost.
     """
     from scipy.optimize import minimize
@@ -228,7 +230,7 @@ def place(task: str, arguments: Arguments) -> Path:
 def current(path: Path) -> dict[str, Any]:
     """Read the existing file of tuned gains.
 
-    Raises ValueError if the file is invalid, because rewriting it would lose the gains.
+    Raises ValueError if the file is invalid, because rewriting the file would lose the gains.
     """
     tables = read_toml(path)[0] if path.is_file() else {}
     with check.in_file(path):

@@ -62,8 +62,8 @@ class Trajectory:
         kinetic, strain_energy, gravity (n,): kinetic, strain and gravitational energy, J.
         dissipated, work (n,): energy dissipated since the start, and work of the drives since the start, J.
         unresolved_damping (n,), in space: energy dissipated by the damping forces since the start, minus `dissipated`,
-            J. This difference is due to strain rates within steps, which differ from the rates at the ends of steps by
-            a term of second order in the step. The difference is large only in stiff links with damping.
+            J. `unresolved_damping` arises because strain rates within steps differ from the rates at the ends of steps
+            by a term of second order in the step. `unresolved_damping` is large only in stiff links with damping.
         shapes (n, points, 2), in space (n, points, 3): points along the arm's center line from root to tip, m.
         q, v (n, rows): the solver's coordinates and their time derivatives; names (rows,): names of the coordinates. In
             space v contains the angular velocity of a rotation in the section's own axes, rad/s. If the motion was
@@ -153,7 +153,7 @@ class Trajectory:
 
     @property
     def finished(self) -> bool:
-        """True if the run reached its end time, also with the status "inaccurate"."""
+        """True if the run reached its end time; the status is then "ok" or "inaccurate"."""
         return self.status in ("ok", "inaccurate")
 
     @property
@@ -165,7 +165,7 @@ class Trajectory:
     def balance(self) -> Array:
         """Energy error (n,), J: change of `energy` since the start + `dissipated` + `unresolved_damping` - `work`.
 
-        It is 0 for an exact solution.
+        The energy error is 0 for an exact solution.
         """
         energy = self.energy
         brought = self.work - self.dissipated  # a velocity that jumps at the start brings some before the first sample
@@ -235,7 +235,7 @@ class Trajectory:
 
         Args:
             sensors: a `flexarm_env.sensors.Sensors`, or a dict with its fields. None: the arm's own sensors, or ideal
-                sensors if the arm has none.
+                sensors if the arm has no sensors.
             seed: seed of the sensors' noise, gains and biases.
         Returns:
             Arrays (n,) by name of the reading, for example `hub_angle` (rad), `hub_rate` (rad/s), `tip_acceleration_x`

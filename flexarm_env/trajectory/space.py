@@ -1,4 +1,4 @@
-"""Runs in space that were computed in a plane: from the planar solver's results to positions and rotations in space."""
+"""Convert runs that were computed in a plane to runs in space, with positions and rotations in space."""
 
 import dataclasses
 

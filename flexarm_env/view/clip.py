@@ -112,7 +112,7 @@ def packed(kind: str, values: NDArray[Any]) -> dict[str, Any]:
 def short(values: Array) -> dict[str, Any]:
     """Pack values as 16-bit integers between their minimum and maximum.
 
-    The value 0 is represented exactly if it is in this range. The integer -32768 represents NaN.
+    The value 0 is represented exactly if 0 is between the minimum and the maximum. The integer -32768 represents NaN.
     """
     good = np.isfinite(values)
     low, high = (float(np.min(values[good])), float(np.max(values[good]))) if good.any() else (0.0, 0.0)

@@ -12,7 +12,7 @@ from .clip import Chart, Pull
 
 
 def obstacles_of(plan: Any) -> list[Shape]:
-    """Return the shapes of an environment: those that the arm must avoid, and those that it can touch."""
+    """Return the shapes of an environment: shapes that the arm must avoid, and shapes that the arm can touch."""
     return [*plan.keep_out, *(contact.obstacle for contact in plan.contacts)]
 
 

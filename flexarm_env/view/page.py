@@ -32,7 +32,7 @@ class Player:
     Args:
         clips: the clips to play, at least one, with different labels. title: title of the page; by default the labels
             of the clips.
-        most_bytes: largest size of the page in bytes. If the clips exceed this size, instants are omitted at equal
+        most_bytes: largest size of the page in bytes. If the clips exceed `most_bytes`, instants are omitted at equal
             intervals.
     Raises:
         ValueError: there is no clip, or the clips are too large even with two instants each.

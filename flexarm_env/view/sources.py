@@ -54,7 +54,7 @@ def of_trajectory(run: Any, label: str | None, curvature: Any) -> Clip:
 
 
 def of_trajectory_in_space(run: Any, label: str | None, curvature: Any) -> SpaceClip:
-    """Return the clip of a run in space; it does not show curvatures."""
+    """Return the clip of a run in space; the clip does not show curvatures."""
     charts = [c for c in _forces(run.scene.arm, run.joint_torque, _energies(run), _moving) if c.series]
     return space.of_run(run, label, _note(run.settings, _ended(run)), charts)
 
@@ -283,7 +283,7 @@ def _episode_in_plane(
 
 
 class Clips(NamedTuple):
-    """Two functions: one returns the clip of a run, the other the clip of an episode."""
+    """Two functions, which return the clip of a run and the clip of an episode."""
 
     run: Callable[[Any, str | None, Any], Clip | SpaceClip]
     episode: Callable[..., Clip | SpaceClip]
