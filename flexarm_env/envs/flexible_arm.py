@@ -87,8 +87,8 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
 
     ## Episode end
 
-    - Truncation: an episode is truncated after `duration` (4 s, rounded down to whole control periods), after
-      `max_episode_steps` if this is earlier, or at the end of a prescribed motion.
+    - Truncation: an episode is truncated after `duration` (4 s, rounded down to whole control periods) or
+      `max_episode_steps`, whichever is earlier, or at the end of a prescribed motion.
     - Termination: an episode is terminated only by a failure. `info["termination_reason"]` is `joint_limit` (a joint
       beyond its limits), `action_not_finite`, or the status of the solver (`newton_failed`, `out_of_range`, `diverged`,
       `not_finite`). After `action_not_finite` or a failure of the solver, `step` returns the last observation before
