@@ -300,7 +300,7 @@ def _alike(episodes: object) -> tuple[Episode, ...]:
 
 
 def load_episodes(path: str | os.PathLike[str]) -> list[Episode]:
-    """Read the episodes from a file that `save_episodes` wrote; raise ValueError for any other or a damaged file."""
+    """Read the episodes from a file of `save_episodes`; raise ValueError for a damaged file or another kind of file."""
     arrays = read_npz(path, "episodes")
     with check.in_file(path):
         for name in ("meta", "lengths", "observations", *STEPS):

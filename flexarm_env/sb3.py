@@ -191,7 +191,7 @@ class GymnasiumVecEnv(VecEnv):
 
     # --------------------------------------------------------------- images
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
-        """Return a picture (height, width, 3) of each environment; this requires render_mode="rgb_array"."""
+        """Return a picture (height, width, 3) of each environment; the function requires render_mode="rgb_array"."""
         if self.render_mode != "rgb_array":
             warnings.warn(f"render_mode = {self.render_mode!r}: pictures need 'rgb_array'", stacklevel=2)
             return [None] * self.num_envs

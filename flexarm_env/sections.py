@@ -298,7 +298,10 @@ class Link:
         return tuple(sorted({0.0, *inner, *curves.jumps(self.curvature), self.length}))
 
     def along(self, s: Array | float, before: bool = False) -> Properties:
-        """Return properties at positions s, m from the root; at a jump those after it or, with `before`, before it."""
+        """Return the properties of the sections at positions s, m from the root.
+
+        At a jump the result is the properties after the jump or, with `before`, the properties before the jump.
+        """
         s = np.asarray(s, np.float64)
         if isinstance(self.section, Taper):
             return self.section.along(s / self.length)

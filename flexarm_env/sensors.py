@@ -125,11 +125,13 @@ class Encoder(Law):
     """Encoder of a joint, which measures the joint's angle, rad, and rate, rad/s.
 
     An encoder on the side "link" measures the angle of the link's root relative to the previous link's tip. An encoder
-    on the side "motor" measures the motor's angle divided by the gear ratio; with a rigid gear both angles are equal.
-    The resolution is 2 pi / counts on the side "link", and 2 pi / counts divided by the gear ratio on the side "motor".
+    on the side "motor" measures the motor's angle divided by the gear ratio; with a rigid gear this quotient equals the
+    angle on the side "link". The resolution is 2 pi / counts on the side "link", and 2 pi / counts divided by the gear
+    ratio on the side "motor".
 
-    The rate is the difference of two successive angles divided by the time T between them, filtered by a low-pass of
-    order 1: rate_k = a rate_(k-1) + (1 - a) (angle_k - angle_(k-1)) / T with a = exp(-2 pi rate_frequency T).
+    The rate is the difference of two successive angles divided by the time T between the two readings, filtered by a
+    low-pass of order 1: rate_k = a rate_(k-1) + (1 - a) (angle_k - angle_(k-1)) / T with a = exp(-2 pi rate_frequency
+    T).
     """
 
     counts: int | None = integer(
@@ -338,7 +340,7 @@ class Sensors:
         return found | {f"strain_gauge_{i + 1}": (f"strain_gauges[{i}]", gauge) for i, gauge in gauges}
 
     def check_for(self, links: Sequence[Any], axes: Axes = SPACE, touches: bool = True) -> None:
-        """Raise ValueError if an arm cannot have these sensors.
+        """Raise ValueError if the arm cannot have the sensors.
 
         links: the arm's links. axes: "xy" for an arm in the plane, "xyz" in space. touches: True if the arm has
         contacts.

@@ -118,7 +118,7 @@ def check_options(formulation: str, names: Iterable[str]) -> None:
 class Settings:
     """Formulation with all its options, created by :meth:`make`; options that the formulation does not have are None.
 
-    The defaults are those of :func:`default_options`.
+    :func:`default_options` returns the default values of the options.
 
     Args:
         frame: axes of a segment's floating frame (floating_frame). "chord" (default): the x axis passes through both

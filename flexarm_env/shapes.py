@@ -2,7 +2,7 @@
 
 The distance of a point from a shape is the distance to the nearest point of the shape's surface, m, and is negative
 inside the shape. All distances are exact. If several points of the surface are equally near, the gradient belongs to
-one of these points.
+one of the nearest points.
 """
 
 import math

@@ -378,8 +378,8 @@ def simulate(
         options: options of the formulation (`flexarm_env.settings.Settings`), such as segments=8 or dt=0.01. Steps are
             shorter than dt if a motion or load requires shorter steps: for a sine, at most a sixteenth of the period.
     Returns:
-        The Trajectory. The status of the run is "ok"; "inaccurate" if the estimated error exceeds error_limit or
-            step_tolerance is not met; or the name of the failure that ended the run early. `message` describes it.
+        The Trajectory. The status is "ok"; "inaccurate" if the estimated error exceeds error_limit or step_tolerance is
+            not met; or the name of the failure that ended the run early. `message` describes the status.
     Raises:
         ValueError: an unknown option, an invalid value, or more than MOST_STEPS steps or MOST_SAMPLES samples.
     """

@@ -363,7 +363,7 @@ def arrays(
             require equal lengths. A shape that ends in "..." permits further axes. sizes: known lengths by word, to
             which the function adds the lengths that it finds.
     Raises:
-        ValueError: an array is missing or has a wrong type or shape; the message names the first such array.
+        ValueError: an array is missing or has a wrong type or shape; the message names the first invalid array.
     """
     for name, (kind, shape) in table.items():
         _fits(name, needed("", given, name, f"must be an array of shape {_words(shape, sizes)}"), kind, shape, sizes)

@@ -161,7 +161,8 @@ def spectrum(t: Array, x: Array) -> tuple[Array, Array]:
     """Return the amplitude spectrum of an evenly sampled signal x (n,) at times t (n,), s, with a Hann window.
 
     Returns frequencies (Hz) and amplitudes (unit of x), (n // 2 + 1,) each. The mean is removed first. A sine of
-    amplitude A gives a peak of height A. Raises ValueError if samples are not evenly spaced, or if there are too few.
+    amplitude A gives a peak of height A. Raises ValueError if samples are not evenly spaced, or if there are too few
+    samples.
     """
     step = np.diff(t)
     if t.size < 8 or np.ptp(step) > 1e-6 * step.mean():
@@ -390,9 +391,9 @@ def _peaks(amplitude: Array) -> list[int]:
 def plot_campbell(found: Campbell, path: str | os.PathLike[str], title: str = "") -> Path:
     """Plot natural frequencies over spin rate, with the line of one vibration per revolution; return `path`.
 
-    Frequencies refer to the fixed frame if every mode has a frequency in the fixed frame (`Campbell.at_rest`), as for a
-    body of revolution. If not, all frequencies refer to the frame that rotates with the arm. Marks at the bottom show
-    the spin rates at which the arm is unstable.
+    Frequencies refer to the fixed frame if all frequencies are defined in the fixed frame (`Campbell.at_rest`), as for
+    a body of revolution. Otherwise all frequencies refer to the frame that rotates with the arm. Marks at the bottom
+    show the spin rates at which the arm is unstable.
     """
     spins, rests = np.abs(found.spins), np.isfinite(found.at_rest).all()
     values = np.abs(found.at_rest if rests else found.frequencies)

@@ -110,7 +110,7 @@ class PointLoad:
 
 @dataclass(frozen=True)
 class InnerLoad(PointLoad):
-    """Force and torque on the section at a fraction of a link's length; contact points of environments are such loads.
+    """Force and torque on the section at a fraction of a link's length, as at contact points in environments.
 
     place: fraction, between 0 and 1, of the length without rigid ends.
     """

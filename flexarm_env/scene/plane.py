@@ -43,7 +43,7 @@ class _Leaves(Exception):
 
 @lru_cache(maxsize=64)
 def in_plane(scene: Scene) -> InPlane | None:
-    """Return the equivalent planar scene of a spatial scene; None if there is no such scene.
+    """Return the equivalent planar scene of a spatial scene; None if there is no equivalent scene.
 
     The following conditions must hold to the accuracy `EXACT`. All joint axes must be parallel. The direction of the
     joint axes must be a principal axis of every section and every inertia tensor. Gravity, forces, the root's motion

@@ -1,4 +1,4 @@
-"""Contact points along links: divide the links of a scene at these points."""
+"""Contact points along links: divide the links of a scene at the contact points."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ def read(kind: Callable[..., T], source: str | os.PathLike[str], parameter_set: 
     """Read a scene from a TOML file or text.
 
     A parameter set ``S`` replaces values of keys; the scene is then named ``NAME@S``. kind: the class ``Scene``, whose
-    fields are the keys of the file. Other arguments and errors are those of :meth:`Scene.from_toml`.
+    fields are the keys of the file. The other arguments and the errors are those of :meth:`Scene.from_toml`.
     """
     table, path = read_toml(source)
     with check.in_file(path):
@@ -154,7 +154,7 @@ def schema(kind: Any) -> dict[str, Any]:
     """Return the JSON schema (draft 2020-12) with which editors complete and check scene files.
 
     kind: the class `Scene`, whose fields are the keys of the file. The schema does not contain rules that relate
-    several keys, nor the parameters of functions of time; these are validated when a file is read.
+    several keys, nor the parameters of functions of time; these rules and parameters are validated when a file is read.
     """
     function = {
         "type": "object", "required": ["kind"],

@@ -47,7 +47,7 @@ class Record:
 
 @cache
 def known() -> tuple[str, ...]:
-    """Return the ids of the tasks with a record for the same digest."""
+    """Return the ids of the tasks whose record has the digest of the task."""
     return tuple(
         task.id for task in tasks(earlier=True) if _path(task).is_file() and record(task).digest == task.digest
     )

@@ -53,7 +53,7 @@ def lines_of(task: Task, found: Sequence[Results]) -> list[Line]:
 
 
 def middle(own: Mapping[str, Sequence[float]], count: int) -> str:
-    """Format the interquartile mean of a method's scores, with its interval; "" unless all `count` tasks have one."""
+    """Format the interquartile mean of a method's scores, with its interval; "" for fewer than `count` tasks."""
     if len(own) < count:
         return ""
     limits = interval(own)

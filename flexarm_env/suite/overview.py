@@ -128,7 +128,7 @@ def controller(lines: Sequence[Line]) -> Line | None:
 
 
 def learners(known: Sequence[Task], rows: Mapping[str, Sequence[Line]]) -> list[str]:
-    """Return at most `COLUMNS` trained methods: those with results on the most tasks, in order of their scores."""
+    """Return at most `COLUMNS` trained methods: the methods with results on the most tasks, in order of the scores."""
     found: dict[str, dict[str, list[float]]] = {}
     for task in known:
         for line in rows[task.id]:

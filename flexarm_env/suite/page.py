@@ -58,7 +58,7 @@ def pages(found: Sequence[Results], stem: str = "suite", figure: str = "") -> di
     Returns:
         The texts of the pages by file name. STEM.md is the overview, and STEM-tasks.md contains the details.
         STEM-earlier.md (results on previous versions of tasks) and STEM-missing.md (methods that could not be
-        evaluated) are omitted if they are empty.
+        evaluated) are omitted if the pages are empty.
     """
     every = [task for task in tasks(earlier=True) if any(task.id in one.tasks for one in found)]
     known = [task for task in every if task in tasks()]
@@ -118,7 +118,7 @@ def _learnt(judged: Sequence[tuple[Task, dict[str, Any]]]) -> Iterator[int]:
 
 
 def less_pd(task: Task, numbers: Mapping[str, Any]) -> NDArray[np.float64]:
-    """Return the values J (n,) of n episodes minus the values of PD control in the same episodes."""
+    """Return the values J (n,) of n episodes minus the values of PD control in these n episodes."""
     gain: NDArray[np.float64] = values(task, numbers) - np.array(numbers["pd"], float)
     return gain
 

@@ -33,7 +33,8 @@ class Chosen:
         fingerprint: hash of the policy.
         make: function of a vector environment that returns the `Policy`, or raises ValueError if the policy does not
             fit.
-        run: training seed, if the policy's file records it. training: record of the training (steps, wall_s, cpu_s).
+        run: training seed, if the policy's file records the seed. training: record of the training (steps, wall_s,
+            cpu_s).
         canonical: function that returns the policy's numbers as bytes. The bytes determine the seeds of the policy's
             100 further episodes (`flexarm_env.suite.second`). If `canonical` is None, the policy is evaluated only on
             the 100 public episodes.

@@ -44,7 +44,7 @@ class Results:
             number per episode (older files lack "settled"). "digest", "first_seed", "episodes" identify the episodes.
             "wall_s", "cpu_s" and "decision_us" are computing times, as in `judge.Judged`. "policy" has the keys kind,
             source and fingerprint; "training" has algorithm, steps, wall_s and cpu_s, or is null. "pd" has the values
-            of PD control in the same episodes. "second" has the results of the second 100 episodes
+            of PD control in the episodes of "returns". "second" has the results of the second 100 episodes
             (`flexarm_env.suite.second`) with their "first_seed" and "pd", or is null. "further" has the values of
             episodes beyond the first 100, or is null. "versions" and "date" record programs and date.
         refused: reasons why the method could not be evaluated, by task id.
@@ -106,8 +106,8 @@ def judged(
 ) -> tuple[Results, list[str], dict[str, str]]:
     """Evaluate a policy on tasks and update its results file after each task.
 
-    Stored results of the same policy are kept unless `again` is True. Results on fewer than the protocol's 100 episodes
-    are returned, but do not replace stored results on all 100 episodes.
+    Stored results of the policy are kept unless `again` is True. Results on fewer than the protocol's 100 episodes are
+    returned, but do not replace stored results on all 100 episodes.
 
     Args:
         word: name of the policy. wanted: the tasks. folder: folder of the results file. choose: function that finds the

@@ -69,7 +69,7 @@ def read_references(text: str, path: str) -> dict[str, Reference]:
 
 
 def reference(task: Task) -> Reference | None:
-    """Return the reference values of a task; None if the package has none for its current version."""
+    """Return the reference values of a task; None if the package has none for the task's current version."""
     known = references().get(task.id)
     return None if known is None or known.digest != task.digest else known
 

@@ -103,7 +103,7 @@ class Episodes:
 def make_episodes(env_id: str, n: int, /, **arguments: Any) -> Any:
     """Create the vector environment with n arms in which `run` runs its episodes.
 
-    If the arm does not support one of the two ranges of `RANDOMIZED`, this range is omitted.
+    A range of `RANDOMIZED` that the arm does not support is omitted.
     """
     for key in ("id", "num_envs", "vectorization_mode"):
         if key in arguments:

@@ -18,8 +18,9 @@ settles counts with the episode's whole duration. Intervals are 95 % bootstrap i
 --out receives the table, the JSON and a figure of the tip error in the first episode; with --video also a film for each
 policy.
 
-A policy.npz contains only numbers. A .zip and the vecnormalize.pkl beside it contain pickled objects: the command reads
-only the numbers in them and executes no code from them. A policy given as MODULE:NAME runs the code of this module.
+A policy.npz contains only numbers. A .zip and the vecnormalize.pkl beside the .zip contain pickled objects: the command
+reads only the numbers in the two files and executes no code from the files. A policy given as MODULE:NAME runs the code
+of this module.
 """
 
 import json

@@ -13,7 +13,8 @@ from flexarm_env.training.episodes import Episodes
 def learning_curve(curves: Sequence[Sequence[Mapping[str, float]]], path: Path, title: str = "") -> None:
     """Plot success rate, settling time and return over environment steps, for one run or for runs of several seeds.
 
-    With several runs the figure also shows their median. curves: for each run, the rows of its learning curve.
+    With several runs the figure also shows the median of the runs. curves: for each run, the rows of its learning
+    curve.
     """
     shown = {"success_rate": "success rate", "settling_median": "median settling (s)", "return_mean": "mean return"}
     with styled_figure(path, 7.0, 7.8) as figure:

@@ -68,9 +68,9 @@ class Gradient(BaseAlgorithm):
         batch_size, n_epochs: batch size and number of epochs for fitting the critic in each window.
         gae_lambda: weight of longer returns in the critic's targets. max_grad_norm: largest norm of the actor's
             gradient.
-        limit_margin: if a joint is within this angle, rad, of its limit, a cost is subtracted from the reward.
-        limit_cost: value of this cost, per period, for a joint at its limit. At a joint limit the episode ends and the
-            return jumps. The gradient does not contain the jump; the cost replaces the jump in the gradient.
+        limit_margin: distance from a joint limit, rad, below which a cost is subtracted from the reward. limit_cost:
+            value of the cost, per period, for a joint at its limit. At a joint limit the episode ends and the return
+            jumps. The gradient does not contain the jump; the cost replaces the jump in the gradient.
         policy_kwargs, seed, verbose, device, tensorboard_log: as for PPO of Stable-Baselines3.
     """
 

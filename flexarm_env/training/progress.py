@@ -26,8 +26,8 @@ class Progress:
 
     curve: learning curve, one row of COLUMNS per evaluation. best: smallest cost so far (see `cost`). best_return: mean
     return of the evaluation with the smallest cost. Until an episode succeeds, all costs are equal, and the evaluation
-    with the higher return is the better one. solved: row of `curve` at which the task was solved, or None. wall_s,
-    cpu_s: time spent so far, s, without evaluation and checkpoints.
+    with the higher return is better. solved: row of `curve` at which the task was solved, or None. wall_s, cpu_s: time
+    spent so far, s, without evaluation and checkpoints.
     """
 
     curve: list[dict[str, float]] = field(default_factory=list)

@@ -8,9 +8,10 @@
 
 The search minimizes the mean settling time plus a penalty. The penalty is the episode's duration times the fraction of
 failed episodes. The tuning episodes are used for neither training nor evaluation. The search starts from the gains in
-the output file, or from the gains of the package if this file does not exist. The output file is --out or, by default,
-runs/gains/TASK.toml. Pass the file to `flexarm evaluate --policy zv@FILE`. In a checkout, `python -m agents.tune`
-instead writes flexarm_env/data/control/TASK.toml, the file that `flexarm_env.control.make` reads.
+the output file, or from the gains of the package if the output file does not exist. The output file is --out or, by
+default, runs/gains/TASK.toml. Pass the file to `flexarm evaluate --policy zv@FILE`. In a checkout,
+`python -m agents.tune` instead writes flexarm_env/data/control/TASK.toml, the file that `flexarm_env.control.make`
+reads.
 
 Gains of pd, zv and zvd must have a minimum gain margin (--margin; default: a factor of 2, which is 6 dB). The closed
 loop of the linearized arm, sampled at the control period, must be stable with all gains multiplied by the margin.

@@ -84,7 +84,7 @@ class Watch(BaseCallback):
 
     # --- evaluation ----------------------------------------------------------------------------------
     def judge(self) -> None:
-        """Evaluate on the validation episodes, record the result, and save the model if it is the best so far."""
+        """Evaluate on the validation episodes, record the result, and save the model after the best result so far."""
         policy = acting(self.model, self.meta, self.model.get_vec_normalize_env())
         if isinstance(policy, AroundPolicy):
             # one controller for all validations: in space it stores the rests at their targets

@@ -398,7 +398,7 @@ _SPACE: dict[str, check.Shape] = {name: shape for name, shape in _PLANE.items() 
 
 
 def arrays_of(scene: Scene) -> dict[str, check.Shape]:
-    """Return names and shapes of the arrays of a scene's trajectory; all their numbers are finite."""
+    """Return names and shapes of the arrays of a scene's trajectory; all numbers of the arrays are finite."""
     return _SPACE if scene.spatial else _PLANE
 
 

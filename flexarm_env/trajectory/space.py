@@ -13,7 +13,8 @@ from .recorded import Trajectory
 def placed(run: Trajectory, scene: Scene) -> Trajectory:
     """Convert a planar run of a spatial scene to a run in space; return any other run unchanged.
 
-    Scenes whose motion stays in a plane are computed in this plane (`scene.computed`). scene: the spatial scene.
+    Scenes whose motion stays in a plane are computed in the plane of the motion (`scene.computed`). scene: the spatial
+    scene.
     """
     flat = in_plane(scene)
     if flat is None:

@@ -51,12 +51,12 @@ class Clip:
         t (n,): instants, s. points (n, P, 2): points of the arm from root to tip, m. cuts (N + 1,): indices of the
             points at root, joints and tip.
         angles (n, N, 2): angles of the tangents at each link's root and tip, rad.
-        rigid (n, N): angles of the links' roots in the rigid arm at the same joint angles, rad (`rigid_angles`).
+        rigid (n, N): angles of the links' roots in the rigid arm at the run's joint angles, rad (`rigid_angles`).
         rest (P, 2): points of the stress-free links, m, in axes at each link's root with x along the tangent.
             curvature (n, P): curvature at the points, 1/m. In `rest` and `curvature` a joint belongs to the link that
             ends at this joint.
-        surface: distance from the neutral axis to the surface, m, from which surface strains are computed; None if it
-            is unknown or varies.
+        surface: distance from the neutral axis to the surface, m, from which surface strains are computed; None if the
+            distance is unknown or varies.
         target (n, 2): position of the target, m, or None. polar: True if the target is an angle, so that the distance
             from tip to target is undefined.
         pulls: forces and torques on the arm. charts: charts in the order of display.
@@ -123,7 +123,7 @@ def short(values: Array) -> dict[str, Any]:
 
 
 def thinner(clip: Any, names: Sequence[str], step: int) -> Any:
-    """Return a clip with every `step`-th instant and the last one; names: names of its arrays over time."""
+    """Return a clip with every `step`-th instant and the last one; names: names of the clip's arrays over time."""
     if step <= 1:
         return clip
     i = np.unique(np.append(np.arange(0, len(clip.t), step), len(clip.t) - 1))
