@@ -103,7 +103,7 @@ def swing(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None = None
     squares, vectors = undamped(0.5 * (reduced.M + reduced.M.T), 0.5 * (reduced.K + reduced.K.T))
     model = equations.model
     sections = (model.arm if isinstance(model, Jointed) else model).sections.reshape(-1, E.end)
-    stiffness = sections[:, E.bend : E.bend + 3] / sections[:, E.length, None]
+    stiffness = sections[:, E.EI : E.EI + 3] / sections[:, E.length, None]
     modes, energies = np.zeros((equations.n + 2, 3)), [math.inf] * 3
     for k in range(arm.n_links, len(squares)):  # after the rigid turns of the joints
         v = np.zeros(equations.n)
