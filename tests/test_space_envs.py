@@ -73,6 +73,16 @@ def vibrating(amplitude: Any, start: Any, periods: int, **options: Any) -> tuple
     return energies, told | {"angles": np.array(angles)}
 
 
+def test_an_episode_begins_with_the_vibration_that_reset_requests() -> None:
+    env = gym.make("SpatialFlexArm-v0", initial_vibration=0.05, info_level="full")
+    energies = []
+    for amplitude in ((0.0, 0.0, 0.0), (0.02, 0.0, 0.0), (0.04, 0.0, 0.0), (0.0, 0.04, 0.0), (0.0, 0.0, 0.04)):
+        info = env.reset(seed=1, options={"vibration": amplitude})[1]
+        energies.append(info["energy_kinetic"])
+    assert energies[0] == pytest.approx(0.0, abs=1e-12) and energies[1] > 1e-5
+    assert energies[2:] == pytest.approx(4.0 * np.full(3, energies[1]), rel=1e-9)
+
+
 @pytest.mark.slow
 def test_initial_vibrations_are_those_of_a_uniform_rod() -> None:
     """A slender rod on a hinge about z, by Bernoulli's beam and Saint-Venant's shaft. Bending along z, which the hinge
