@@ -240,7 +240,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
     return {
         "intervals": table_of(rows, TOLD),
         "untold": [f"The report names exactly these three parameters in {right} of {len(rows)} cases. "
-                   f"In {rash} cases the report names a parameter that the log determines."],
+                   f"The number of cases in which the report names a parameter that the log determines is {rash}."],
         "torques": [
             *table_of(torques, OF_HUB), "",
             f"In {suspect} of {len(torques)} cases the report suspected an error of a log column or of the clock. "

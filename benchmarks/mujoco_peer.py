@@ -519,8 +519,8 @@ def finding(found: pages.Found) -> str:
     coarse = quickest(own["timed"], ("random",), 1.0, "alone")
     best = min((error_of(row) for row in own["rows"]), default=np.nan)
     if words:
-        text = ("On `FlexibleArm-v0` the package's fastest default is faster than MuJoCo's fastest chain with an error "
-                "of at most 2 % of L under both kinds of torque. MuJoCo's chain takes "
+        text = ("On `FlexibleArm-v0` the package's fastest default is faster than MuJoCo's fastest chain whose error "
+                "is at most 2 % of L under random and under bang-bang torques. MuJoCo's chain takes "
                 f"{', '.join(words)}.")  # fmt: skip
     else:
         text = (f"On `FlexibleArm-v0` no setting of MuJoCo within {LONGEST:g} µs a period reaches 2 % under both kinds "

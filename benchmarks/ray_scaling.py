@@ -237,8 +237,8 @@ def _cost(found: dict[str, Row], bare_us: float) -> list[str]:
     share = [1.0 - without / (row["iteration"] / row["steps"] * 1e6) for row in ours]
     return [
         f"In one process on one core a step takes {without:.0f} µs without RLlib and {alone:.0f} µs with it: RLlib",
-        f"takes {1.0 - without / alone:.0%} of the time. Compared with the plain loop, Ray and RLlib take",
-        f"{share[0]:.0%} of an iteration with one runner and {share[1]:.0%} with two. To collect the",
+        f"takes {1.0 - without / alone:.0%} of the time. The overhead of Ray and RLlib over the plain loop is",
+        f"{share[0]:.0%} of an iteration with one runner and {share[1]:.0%} of an iteration with two. To collect the",
         f"same samples, one RLlib runner takes {times[0]:.1f} times as long as one native runner, and two",
         f"RLlib runners take {times[1]:.1f} times as long as two native runners. Without Ray, policy and learning,",
         f"a step of the environments takes {bare_us:.2f} µs.",

@@ -276,8 +276,8 @@ def table_of_cases(found: pages.Found) -> list[str]:
     return [
         f"The {found['cases']} cases took {found['case_seconds']:.0f} s, the longest {found['longest_case']:.1f} s. "
         f"The energy (criterion i) was checked for all {found['energy_checked']} cases with status `ok`, and the tip "
-        f"(criterion ii) for {found['tip_checked']} of these cases. The tip was not checked in all other "
-        f"cases, for these reasons (numbers of cases in brackets): {reasons}.",
+        f"(criterion ii) for {found['tip_checked']} of these cases. In the other cases the tip was not "
+        f"checked, for these reasons (numbers of cases in brackets): {reasons}.",
         "", *table(" | ".join(["", *OUTCOMES]), counted), "",
         "In cases with an error above 0.1 % of L, the estimate divided by the true error has these percentiles: "
         f"{ratios}. In {found['needlessly_inaccurate']} runs the status was `inaccurate`, but the tip was within 1 % "

@@ -51,9 +51,9 @@ Chromium (if installed) displayed. Times are processor times without compilation
 writes this page (`make release-check` checks without writing the page)."""
 REST = "Untested, for lack of such machines: macOS, Windows, ARM; other browsers, touch screens and screen readers."
 WITH_TRAIN = (
-    "with the extra `train`, installed alone: policies trained briefly by PPO and by gradients and evaluated, "
-    "controller gains tuned, a policy exported to C, an arm exported as a C library and as a mock-up unit, an arm "
-    "served and driven by the policy"
+    "with only the package and its extra `train` installed: policies were trained briefly by PPO and by gradients, and "
+    "evaluated; controller gains were tuned; a policy was exported to C; an arm was exported as a C library and as a "
+    "mock-up unit; the policy drove an arm that `flexarm serve` simulated"
 )
 UNSEEN = f"not opened, since none of the browsers {', '.join(NAMES)} is installed; FLEXARM_BROWSER can name another one"
 VIEWS = {"scene": ("two_link_motion",), "policy": ("two_link", "pd")}

@@ -28,11 +28,11 @@ HOW = f"""## How to read the tables
   the lowest score. ***Largest half width*** refers to the 95 % intervals of the score differences between all pairs of
   policies with the full budget: it is half the width of the widest interval.
 - **Score gap to the best policy** is the mean difference between the best policy's score and the method's score in the
-  same episodes. Half the width of the difference's 95 % interval follows after ±. If more than {EPISODES} episodes
-  were evaluated, their number follows. Brackets give the number of episodes that would reduce the half width to
-  {WIDTH}.
-- **Settling time** is the mean time after which the tip stays within the bounds of success to the end of the episode. A
-  failed episode counts as its whole length.
+  same episodes. The number after ± is half the width of the difference's 95 % interval. If more than
+  {EPISODES} episodes were evaluated, their number follows. Brackets give the number of episodes that would reduce the
+  half width to {WIDTH}.
+- **Settling time** is the mean time after which the tip stays within the bounds of success to the end of the episode.
+  For a failed episode, the mean uses the episode's whole length.
 - **Second hundred** are 100 episodes whose seeds are computed from the policy itself (`flexarm_env.suite.second`). The
   columns give success rate, settling time, and J minus the J of PD. Brackets give J minus the J of PD in the 100 public
   episodes (the public hundred). The mark † denotes a difference between both hundreds that is larger than chance
