@@ -29,8 +29,8 @@ HOW = f"""## How to read the tables
   policies with the full budget: it is half the width of the widest interval.
 - **Score gap to the best policy** is the mean difference between the best policy's score and the method's score in the
   same episodes. Half the width of the difference's 95 % interval follows after ±. If more than {EPISODES} episodes
-  were evaluated, their number follows. Brackets give the number of episodes that would reduce the half width to
-  {WIDTH}.
+  were evaluated, the number of episodes stands after the half width. Brackets give the number of episodes that would
+  reduce the half width to {WIDTH}.
 - **Settling time** is the mean time after which the tip stays within the bounds of success to the end of the episode. A
   failed episode counts as its whole length.
 - **Second hundred** are 100 episodes whose seeds are computed from the policy itself (`flexarm_env.suite.second`). The
