@@ -293,7 +293,7 @@ class Link:
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        """Positions, m from the root, at which cells of a mesh must end: `points` without kinks of the curvature."""
+        """Positions, m from the root, at which mesh cells must end: `points` except where only curvature has a kink."""
         inner = () if isinstance(self.section, Section | Taper) else (s for s, _ in self.section[1:-1])
         return tuple(sorted({0.0, *inner, *curves.jumps(self.curvature), self.length}))
 
