@@ -198,10 +198,19 @@ def test_derivatives_while_a_link_touches(formulation: str) -> None:
 
 def test_meshes_end_at_the_points() -> None:
     """The least number of elements from the usual one on of which one ends at each point; given numbers are kept."""
-    for given, wanted in (("link0@0.5", 4), ("link0@0.3", 10), ("link0@0.25", 4)):
-        contact = dataclasses.replace(POST, bodies=(given,))
-        env: Any = gym.make("FlexibleArm-v0", contacts=contact, formulation="geometrically_exact").unwrapped
-        assert env.plan.settings.elements == wanted
+    third = "link0@0.3333333333"
+    for given, elements, segments in (
+        (("link0@0.5",), 4, 2), (("link0@0.3",), 10, 10), (("link0@0.25",), 4, 4), (("link0@0.5", third), 6, 6),
+        ((third, "link0@0.5"), 6, 6), (("link0@0.25", "tip", third), 12, 12),
+    ):  # fmt: skip
+        contact = dataclasses.replace(POST, bodies=given)
+        places = sorted(float(name.partition("@")[2]) for name in given if "@" in name)
+        for formulation, wanted in (("geometrically_exact", elements), ("floating_frame", segments)):
+            env: Any = gym.make("FlexibleArm-v0", contacts=contact, formulation=formulation).unwrapped
+            assert (env.plan.settings.elements, env.plan.settings.segments)[formulation == "floating_frame"] == wanted
+            # a straight arm shows where the points are
+            env.reset(seed=0, options={"start": 0.0})
+            assert env.snapshot().touches[: len(places), 0] == pytest.approx(places, abs=1e-9)
 
 
 SECTIONS = tuple((s, Section(EI=EI, EA=1e6, C=1e6, m=0.3)) for s, EI in ((0.0, 7.0), (1.0, 3.5)))
@@ -216,6 +225,10 @@ SOFTER = dataclasses.replace(arms.named("strip"), links=(Link(1.0, SECTIONS),))
         ("FlexibleArm-v0", {"formulation": "floating_frame", "segments": 3}, ("must be a multiple of 2, not 3",)),
         ("FlexibleArm-v0", {"bodies": ["link1@0.5"]}, ("must be on a link of arm",)),
         ("FlexibleArm-v0", {"bodies": ["link0@0.123"], "formulation": "floating_frame"}, ("denominator", "0.25")),
+        (
+            "FlexibleArm-v0", {"bodies": ["link0@0.0625", "link0@0.2"], "formulation": "geometrically_exact"},
+            ("common denominator of at most 60", "not 80"),
+        ),
         ("FlexibleArm-v0", {"arm": SOFTER}, ("straight and flexible with one Section",)),
         ("SpatialFlexArm-v0", {"elements": 3}, ("elements must be a multiple of 2, not 3",)),
     ],
@@ -226,7 +239,7 @@ def test_what_is_refused(env_id: str, keywords: dict[str, Any], words: tuple[str
         contact = dataclasses.replace(contact, bodies=tuple(keywords["bodies"]))
     others = {name: value for name, value in keywords.items() if name != "bodies"}
     told = refusal(lambda: gym.make(env_id, contacts=contact, **others))
-    assert told.startswith("contacts[0].bodies[0] = "), told
+    assert told.startswith(f"contacts[0].bodies[{int('not 80' in words)}] = "), told
     assert all(word in told for word in words), told
 
 

@@ -1,6 +1,5 @@
 """The keyword `contacts` of environments: obstacles that the arm can touch, and time steps that resolve impacts."""
 
-import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import replace
@@ -11,7 +10,6 @@ import numpy as np
 
 from .. import validation as check
 from ..batch import PayloadChange, standing_scene
-from ..parameters import Arm
 from ..physics import assembly
 from ..physics.contact.build import (
     STEPS,
@@ -72,55 +70,46 @@ def framed(
 
 MOST_PARTS = 20
 """Largest denominator of the fraction of a link's length in the name of a contact point along the link."""
+MOST_COMMON = 60
+"""Largest common denominator of all contact points along links, which is the least number of elements of a link."""
 
 
 def _with_sections(frame: Frame, contacts: tuple[Contact, ...], given: Mapping[str, Any]) -> Settings:
     """Return settings with which an element (a segment of the floating frame) ends at each contact point along a link.
 
-    If the user does not give the number of elements, it is increased to a multiple of the points' denominators. The
-    elastica in the plane has points at any fraction. given: the user's solver options.
+    If the user does not give the number of elements, it is increased to the next common multiple of the points'
+    denominators. The elastica in the plane has points at any fraction. given: the user's solver options.
 
     Raises:
         ValueError: a point is not at the end of an element, or its link is not straight with a constant section.
     """
-    settings, arm = frame.settings, frame.arm
-    option = {"geometrically_exact": "elements", "floating_frame": "segments"}.get(settings.formulation)
-    if any(map(place_on_link, itertools.chain.from_iterable(contact.bodies for contact in contacts))):
-        for i, contact in enumerate(contacts):
-            with check.under(f"contacts[{i}]"):
-                for k, name in enumerate(contact.bodies):
-                    settings = _with_section(arm, settings, option, given, f"bodies[{k}]", name)
-    return settings
-
-
-def _with_section(
-    arm: Arm, settings: Settings, option: str | None, given: Mapping[str, Any], path: str, name: str
-) -> Settings:
-    """Return settings with which an element of a link ends at the contact point `name`; see `_with_sections`.
-
-    option: solver option with the number of elements of a link; None for the elastica. path: key path of the point.
-    """
-    place = place_on_link(name)
-    if place is None:
-        return settings
-    link = arm.links[place[0]]
-    if not isinstance(link, Link) or link.uniform is None:
-        what = "must be on a link that is straight and flexible with one Section along its length"
-        raise check.InvalidValue(path, name, what)
-    if option is None:
-        return settings
-    fraction = Fraction(place[1]).limit_denominator(MOST_PARTS)
-    if abs(float(fraction) - place[1]) > 1e-9:
-        what = f"must be at a fraction of the link with a denominator of at most {MOST_PARTS}, such as 0.25"
-        raise check.InvalidValue(path, name, what)
-    count = getattr(settings, option) or 1
-    if count % fraction.denominator == 0:
-        return settings
-    if given.get(option) is not None:
-        what = f"must be at the end of one of the link's {option}: {option} must be a multiple of"
-        raise check.InvalidValue(path, name, f"{what} {fraction.denominator}, not {count}")
-    # the coarsest mesh, at least as fine, whose elements end at this point and at all points before
-    return _with_section(arm, settings.replace(**{option: count + 1}), option, given, path, name)
+    settings, parts = frame.settings, 1
+    option = {"geometrically_exact": "elements", "floating_frame": "segments"}.get(settings.formulation, "")
+    count = int(getattr(settings, option, None) or 1)
+    for i, contact in enumerate(contacts):
+        for k, name in enumerate(contact.bodies):
+            place = place_on_link(name)
+            if place is None:
+                continue
+            path = f"contacts[{i}].bodies[{k}]"
+            link = frame.arm.links[place[0]]
+            if not isinstance(link, Link) or link.uniform is None:
+                what = "must be on a link that is straight and flexible with one Section along its length"
+                raise check.InvalidValue(path, name, what)
+            if not option:
+                continue
+            fraction = Fraction(place[1]).limit_denominator(MOST_PARTS)
+            if abs(float(fraction) - place[1]) > 1e-9:
+                what = f"must be at a fraction of the link with a denominator of at most {MOST_PARTS}, such as 0.25"
+                raise check.InvalidValue(path, name, what)
+            if given.get(option) is not None and count % fraction.denominator:
+                what = f"must be at the end of one of the link's {option}: {option} must be a multiple of"
+                raise check.InvalidValue(path, name, f"{what} {fraction.denominator}, not {count}")
+            parts = math.lcm(parts, fraction.denominator)
+            if parts > MOST_COMMON:
+                what = f"must have a common denominator of at most {MOST_COMMON} with the points before it, not {parts}"
+                raise check.InvalidValue(path, name, what)
+    return settings if count % parts == 0 else settings.replace(**{option: parts * math.ceil(count / parts)})
 
 
 def with_rows(modes: Array, contacts: tuple[Contact, ...], behind: int) -> Array:

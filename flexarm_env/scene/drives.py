@@ -117,5 +117,16 @@ class InnerLoad(PointLoad):
 
     place: float = 0.5
 
+    def elements_before(self, count: int) -> int:
+        """Return the number of elements between the link's root and the section. count: elements of equal length.
+
+        Raises:
+            InvalidValue: no element ends at the section.
+        """
+        before = round(self.place * count)
+        if abs(self.place * count - before) > 1e-6 or not 0 < before < count:
+            raise check.InvalidValue("place", self.place, f"must be at the end of one of the link's {count} elements")
+        return before
+
 
 Load = JointTorque | PointLoad

@@ -209,7 +209,7 @@ def load_rows(load: PointLoad, arm: Arm, elements: int, order: int) -> list[int]
     at, at_tip = CHAIN.offsets(0, arm.n_links, elements, order), load.end == "tip"
     if isinstance(load, InnerLoad):
         # the vertex at the load: elements of uniform links have equal lengths
-        row = at.elements + AXES * order * (elements * load.link + round(load.place * elements))
+        row = at.elements + AXES * order * (elements * load.link + load.elements_before(elements))
         return [row + X, row + Y, row + T, -1]
     first = at.elements + AXES * order * elements * (load.link + at_tip)
     hinge = -1 if at_tip or load.link == 0 else at.hinges + load.link - 1

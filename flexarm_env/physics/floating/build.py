@@ -212,7 +212,7 @@ def _shared(scene: Scene, settings: Settings, bodies: list[Body], offsets: NDArr
 def _side(load: PointLoad, segments: int) -> int:
     """Return the `LOADED.side` of a point load on a link of so many segments."""
     if isinstance(load, InnerLoad):
-        return INNER + round(load.place * segments) - 1
+        return INNER + load.elements_before(segments) - 1
     return int(load.end == "tip")
 
 

@@ -295,7 +295,7 @@ def _loads(scene: Scene, settings: Settings) -> list[Array]:
             section, lever = float(at_tip), tip_lever(link) if at_tip else -link.root_offset * X
             if isinstance(load, InnerLoad):
                 # vertex e is at the end of element e
-                section, lever = 1.0 + round(load.place * count_elements(link, settings)), 0.0 * X
+                section, lever = 1.0 + load.elements_before(count_elements(link, settings)), 0.0 * X
             found.append(LOAD.pack({}, link=load.link, section=section, lever=lever))
     return found
 
