@@ -227,7 +227,12 @@ def contacts_of(path: str, value: object, arm: Arm, dimension: int | None = None
     one = isinstance(value, Contact | Mapping)
     rows = [value] if one else check.sequence(path, value, "Contact, or tables of them")
     found = tuple(contact_of(f"{path}[{i}]", row, dimension) for i, row in enumerate(rows))
+    spheres: dict[tuple[int, float], tuple[int, float]] = {}
     for i, contact in enumerate(found):
         with check.under(f"{path}[{i}]"):
-            contact.links(arm)
+            for point in contact.points(arm):
+                first, radius = spheres.setdefault(point, (i, contact.radius))
+                if point[1] < 1.0 and radius != contact.radius:
+                    what = f"must be {radius:g} (m), as in {path}[{first}], at the same point of link {point[0]}"
+                    raise check.InvalidValue("radius", contact.radius, what)
     return found

@@ -42,7 +42,7 @@ def at_points(scene: Scene) -> Scene:
     first.append(len(links))
     new = {n: place for place, n in joint.items()}
     radii = {
-        joint[place]: max(c.radius for c in scene.contacts if place in map(place_on_link, c.bodies)) for place in joint
+        joint[place]: next(c.radius for c in scene.contacts if place in map(place_on_link, c.bodies)) for place in joint
     }
     old = {first[k]: k for k in range(arm.n_links)}
     elbows = tuple(Elbow(radius=radii[n]) if n in new else arm.elbow(old[n]) for n in range(1, len(links)))

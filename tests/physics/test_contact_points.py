@@ -111,6 +111,11 @@ def test_points_along_links_in_files_and_what_is_refused() -> None:
         assert "with a fraction between 0 and 1" in refusal(lambda name=name: Contact(floor, 1e3, bodies=(name,)))
     other = Contact(floor, 1e3, bodies=("link1@0.5",))
     assert "must be on a link of arm strip" in refusal(lambda: Scene("other", arm, contacts=(other,), **common))
+    two = tuple(Contact(floor, 1e3, bodies=("link0@0.5",), radius=radius) for radius in (0.01, 0.02))
+    told = refusal(lambda: Scene("two", arm, contacts=two, **common))
+    assert "contacts[1].radius = 0.02: must be 0.01 (m), as in contacts[0]" in told
+    told = refusal(lambda: gym.make("FlexibleArm-v0", contacts=two))
+    assert told.startswith("contacts[1].radius = 0.02: must be 0.01 (m)")
     bent = Arm("bent", (Link(1.0, SOFT, curvature=1.0),))
     scene = dataclasses.replace(scene, arm=bent)
     assert "must be straight" in refusal(lambda: Simulation(scene, scene.settings("elastica")))

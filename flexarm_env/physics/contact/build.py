@@ -47,7 +47,7 @@ def _radius(scene: Scene, point: tuple[int, float]) -> float:
     """Return the radius (m) of the sphere about a point of the arm that may touch."""
     arm, (k, place) = scene.arm, point
     if place < 1.0:
-        return max(contact.radius for contact in scene.contacts if point in contact.points(arm))
+        return next(contact.radius for contact in scene.contacts if point in contact.points(arm))
     return arm.payload.radius if k + 1 == arm.n_links else arm.elbow(k + 1).radius
 
 
