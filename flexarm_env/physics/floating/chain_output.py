@@ -4,7 +4,7 @@ The Model is `physics.model.FloatingChain`, whose table is None, or `FloatingFra
 frame. `D` is one body's block of constants (`constants.BODY`). The argument for the `Mesh` of all bodies is called
 `mesh`, in kernels of a single body `model`."""
 
-from ...compiler import WIDEST, Lanes, absolute, kernel, select_lt, sincos, size, stack, unrolled
+from ...compiler import Lanes, absolute, kernel, select_lt, sincos, size, stack, unrolled
 from ..arithmetic import (
     gravity_along,
     load_pair,
@@ -343,32 +343,31 @@ def out_of_range(lane, model, par: Lanes, q: Lanes):
 
 
 @kernel
-def _sum(lane, D, at, every, x: Lanes, n):
-    """Return sum_j D[at + every j] x_j, j < n; D: numbers of `every` drawing stations for each j; x (n,): lanes."""
+def _sum(lane, D, at, x: Lanes, n):
+    """Return sum_j D[at + j] x_j, j < n. x (n,): lanes."""
     total = x[0] * D[at]
     for j in range(1, n):
-        total = total + x[j] * D[at + every * j]
+        total = total + x[j] * D[at + j]
     return total
 
 
 @kernel
-def _draw(lane, mesh, D, i, q: Lanes, x0, y0, frame, line):
-    """Write x, y (m, inertial axes) of drawing station i of one body to line (2,).
+def _draw(lane, mesh, D, q: Lanes, x0, y0, frame, line):
+    """Write x, y (m, inertial axes) of one drawing station of a body to line (2,).
 
-    # in       D: a `STATION`, each entry for a group of len(WIDEST) stations; q: elastic coordinates;
-    #          x0, y0: origin (m); frame: `FRAME`
+    # in       D: the station's `STATION`; q: elastic coordinates; x0, y0: origin (m); frame: `FRAME`
 
     See docs/theory.md, (4.1)."""
-    n, every = size(mesh.n), len(WIDEST)
+    n = size(mesh.n)
     at = station_at(0, n)
     # place in frame axes: shape functions, or modes with foreshortening q'H q / 2
-    x, y = D[at.x * every + i], _sum(lane, D, at.v * every + i, every, q, n)
+    x, y = D[at.x], _sum(lane, D, at.v, q, n)
     if mesh.modal is None:
-        x = x + _sum(lane, D, at.u * every + i, every, q, n)
+        x = x + _sum(lane, D, at.u, q, n)
     else:
-        bent = _sum(lane, D, at.H * every + i, every, q, n) * q[0]
+        bent = _sum(lane, D, at.H, q, n) * q[0]
         for j in range(1, n):
-            bent = bent + _sum(lane, D, (at.H + j * n) * every + i, every, q, n) * q[j]
+            bent = bent + _sum(lane, D, at.H + j * n, q, n) * q[j]
         x = x - bent * 0.5
     # to inertial axes
     c, s = load_pair(lane, frame, FRAME.cos)
@@ -381,12 +380,11 @@ def centerline(lane, model, q: Lanes, points):
 
     The points are the root, then the drawing stations of all bodies from root to tip, until `points` is full. The last
     point of a link with rigid ends is its joint at the tip."""
-    many = len(WIDEST)
     mesh, n = model.mesh, size(model.mesh.n)
     pose, frame = stack(lane, SIX), stack(lane, SIX)
     store_pair(lane, points[0], 0, load_pair(lane, q, 0))
     count, stations = 1, constants(mesh).stations
-    length = station_at(0, n).end * many
+    length = station_at(0, n).end
     for k in range(model.links):
         for b in range(k * model.segments, (k + 1) * model.segments):
             enter(lane, model, q, q, k, b, pose)
@@ -395,12 +393,11 @@ def centerline(lane, model, q: Lanes, points):
             D, e = model.data[model.block * b :], q[elastic_of(model, b) :]
             x0, y0 = load_pair(lane, pose, POSE.x)
             place(lane, mesh, D, e, e, pose, frame)
-            for group in range((model.block - stations) // length):
-                for i in range(many):
-                    if count == points.shape[0]:
-                        return count
-                    _draw(lane, mesh, D[stations + group * length :], i, e, x0, y0, frame, points[count])
-                    count += 1
+            for i in range((model.block - stations) // length):
+                if count == points.shape[0]:
+                    return count
+                _draw(lane, mesh, D[stations + i * length :], e, x0, y0, frame, points[count])
+                count += 1
         far_point_pose(lane, end_of(model, k, TIP_END), pose)
         if model.rigid is not None:  # a link's last point is where its rigid end ends
             store_pair(lane, points[count - 1], 0, load_pair(lane, pose, POSE.x))

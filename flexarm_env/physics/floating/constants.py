@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import curves
-from ...compiler import WIDEST, kernel
+from ...compiler import kernel
 from ...layout import Field, Layout
 from ...parameters import Link
 from ..model import Mesh
@@ -67,7 +67,7 @@ BODY = Layout(
     Field("moment", ("n",), "", "K_EI q0: bending forces subtracted for a stress-free shape q0"),
     Field("spent", (), "J", "q0'K_EI q0 / 2: bending energy at q = 0"),
     Field("spans", ("elements", SPAN.length), "", "one `SPAN` for each finite element"),
-    Field("stations", ("stations", STATION.length), "", "a `STATION` per drawing station, in lanes of len(WIDEST)"),
+    Field("stations", ("stations", STATION.length), "", "a `STATION` for each drawing station"),
 )  # fmt: skip
 body_at = kernel(BODY.offsets)
 station_at = kernel(STATION.offsets)
@@ -147,19 +147,17 @@ class Body:
         most_lost: largest loss of inertia, kg m^2.
         """
         n, elements = self.n, len(mesh.elements)
-        # field by field in groups of lanes, because the kernel draws a group of stations at once
         stations = np.array([
             STATION.pack({"n": n}, x=x, u=shape[0], v=shape[1], H=h)
             for x, shape, h in zip(self.stations, self.shapes, self.station_h, strict=True)
         ])  # fmt: skip
-        in_lanes = stations.reshape(-1, len(WIDEST), stations.shape[1]).swapaxes(1, 2)
         return BODY.pack(
             {"n": n, "window": len(mesh.window), "elements": elements, "stations": len(stations)},
             length=self.length, mass=self.mass, S0=self.s0, I0=self.i0, offset=offset, most_lost=most_lost,
             S_bar_x=self.s_bar[0], S_bar_y=self.s_bar[1], c_u=self.c_u, c=self.c,
             tip_u=self.tip[0], tip_v=self.tip[1], tip_phi=self.tip[2],
             G=self.g, M_ff=self.m_ff, B=self.b, K_EA=self.K_EA, K_EI=self.K_EI, D0=self.d0, tip_H=self.tip_h,
-            drag=drag, damped=damped, root=self.root, stations=in_lanes,
+            drag=drag, damped=damped, root=self.root, stations=stations,
             moment=self.moment, spent=0.5 * self.moment @ self.q0,
             spans=[self._span(e, mesh, frame) for e in range(elements)],
         )  # fmt: skip
