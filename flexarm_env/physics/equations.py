@@ -129,11 +129,13 @@ def point_slopes(lane, model, q, ways, own, line, points, slopes):
     """
     many, count = lane_count(lane), 0
     for first in range(0, max(ways.shape[0], 1), many):
+        # q with up to `many` directions as tangents
         for k in range(size(model.n)):
             store(own, k, splat(lane, q[k]))
             for i in range(min(many, ways.shape[0] - first)):
                 own[k * len(lane) + many + i] = ways[first + i, k]
         count = centerline(lane, model, own, line)
+        # values of the first lane; tangent i is the derivative along direction first + i
         for p in range(count):
             for d in range(points.shape[1]):
                 points[p, d] = line[p, d * len(lane)]

@@ -62,8 +62,10 @@ def _input_rates(lane, model, par, q, v: Lanes, y: Lanes):
     """
     n, links = size(model.nodes), size(model.links)
     m = n * links
+    # joint rates beta_k'
     for k in range(links):
         y[k] = v[k * n]
+    # e_j' = phi_j' (-sin phi_j, cos phi_j)
     x, rate = stack(lane, model.scratch), stack(lane, model.scratch)
     c, s = stack(lane, model.scratch), stack(lane, model.scratch)
     ex, ey = stack(lane, model.scratch), stack(lane, model.scratch)
@@ -71,6 +73,7 @@ def _input_rates(lane, model, par, q, v: Lanes, y: Lanes):
     root_x, root_y = rate[0] * 0.0, rate[0] * 0.0
     if model.root is not None:
         root_x, root_y = root_position(lane, model, v, ex, ey)
+    # root' + sum_j arm_j e_j', and sum_j angle_j phi_j'
     for f in range((size(model.n_inputs) - links) // OF_LOAD.end):
         at, k = load_at(model, f), links + OF_LOAD.end * f
         px, py = weighted_sum(lane, model.loads, at.arm, ex, m), weighted_sum(lane, model.loads, at.arm, ey, m)

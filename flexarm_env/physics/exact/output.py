@@ -39,6 +39,7 @@ def _input_rates(lane, model, par, q: Lanes, v: Lanes, y: Lanes):
     A load at the end of a lever (length l along psi) moves at (x', y') + l psi' (-sin psi, cos psi).
     """
     rows, links = rows_of(model), model.links
+    # joint rates psi_0', beta_k'
     y[0] = v[T]
     for k in range(1, links):
         y[k] = v[rows.hinges + k - 1]
@@ -46,10 +47,12 @@ def _input_rates(lane, model, par, q: Lanes, v: Lanes, y: Lanes):
         of = model.loads[ROWS_OF_LOAD.end * f :]
         vx, vy = v[of[ROWS_OF_LOAD.x]], v[of[ROWS_OF_LOAD.y]]
         rate = v[of[ROWS_OF_LOAD.psi]]
+        # + l psi' (-sin psi, cos psi)
         if model.rigid is not None:
             turned = rate * model.rigid[lever_at(links, 0) + f]
             sine, cosine = sincos(q[of[ROWS_OF_LOAD.psi]])
             vx, vy = vx - sine * turned, vy + cosine * turned
+        # beyond a joint the section turns with the joint's angle, too
         if of[ROWS_OF_LOAD.hinge] >= 0:
             rate = rate + v[of[ROWS_OF_LOAD.hinge]]
         store_vector(lane, y, links + OF_LOAD.end * f, (vx, vy, rate))

@@ -17,7 +17,7 @@ def _to_loads(lane, model, link, end, pose, y):
 
 
 @kernel
-def ports_of_loads(lane, model, q, y):
+def load_displacements(lane, model, q, y):
     """Write the position (m, inertial axes) and section angle (rad) at each point load to y, after the joint angles."""
     if model.loads is not None:
         visit(lane, model, q, q, _to_loads, y)
@@ -28,9 +28,11 @@ def _input_rates(lane, model, par, q: Lanes, v: Lanes, y: Lanes):
     """Write the rates of `input_displacements` to y: joint rates (rad/s), then velocity (m/s), rate of each load point.
 
     q: coordinates of the arm. v: their rates. Velocities are along inertial axes."""
+    # joint rates beta_k'
     y[0] = v[ANGLE]
     for k in range(1, model.links):
         y[k] = v[elbow_row(model, k)]
+    # loads at the ends of links, then loads between the segments of a link
     visit(lane, model, q, v, _rates_to_loads, y)
     _visit_bodies(lane, model, q, v, _rates_to_loads, y)
 
@@ -44,10 +46,11 @@ def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None, v=None
     if v is not None:
         _input_rates(lane, model, par, q, v, y)
         return
+    # joint angles beta_k
     y[0] = q[ANGLE]
     for k in range(1, model.links):
         y[k] = q[elbow_row(model, k)]
-    ports_of_loads(lane, model, q, y)
+    load_displacements(lane, model, q, y)
     if model.inside is not None:
         _visit_bodies(lane, model, q, q, _to_loads, y)
 
@@ -62,8 +65,10 @@ def _visit_bodies(lane, model, q: Lanes, v: Lanes, tell, out):
     for k in range(model.links):
         for b in range(k * model.segments, (k + 1) * model.segments):
             enter(lane, model, q, v, k, b, pose)
+            # the first segment begins where the rigid end at the link's root ends
             if b == k * model.segments:
                 far_point_pose(lane, end_of(model, k, ROOT_END), pose)
+            # from the segment's root to its tip
             e = elastic_of(model, b)
             place(lane, model.mesh, model.data[model.block * b :], q[e:], v[e:], pose, frame)
             if b + 1 < (k + 1) * model.segments:

@@ -18,7 +18,7 @@ from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, FloatingFrame
 from ..protocol import State, register
 from .body import constants, forces, propagate_to_tip, tip
 from .chain import diagonal, frame_at, payload_force, subtract_loads
-from .chain_inputs import ports_of_loads
+from .chain_inputs import load_displacements
 from .chain_output import centerline, damping_power, energy, link_poses, out_of_range
 from .layout import ANGLE, ELASTIC, KNOWN, MOTION, MULTIPLIERS, NOW, START, factors_at
 from .matrix import add_outboard, tangent
@@ -258,7 +258,7 @@ def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
         turned = tip(lane, model.mesh, model.data[model.block * b :], q[before + ELASTIC :])[2]
         turned = q[before + ANGLE] + turned
         y[k] = q[model.table[b + 1, START] + ANGLE] - turned
-    ports_of_loads(lane, model, q, y)
+    load_displacements(lane, model, q, y)
 
 
 register(

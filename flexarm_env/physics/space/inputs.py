@@ -23,6 +23,7 @@ from .rotations import (
 def _loaded(lane, model, q, v, f):
     """Return the `Place` of the section on which point load f acts. Pass q for v if its rates are not read."""
     link, section = int(model.loads[L.end * f + L.link]), model.loads[L.end * f + L.section]
+    # 0, 1: the link's first and last section; 2 + e: the section at vertex e
     place = section_of_end(lane, model, q, v, link, section != 0.0)
     if model.inside is not None:
         if section >= 2.0:
@@ -33,8 +34,10 @@ def _loaded(lane, model, q, v, f):
 @kernel
 def _input_rates(lane, model, par, q: Lanes, v: Lanes, y: Lanes):
     """Store in y the joint rates (rad/s), then velocity (m/s), angular velocity (rad/s) of each load, inertial axes."""
+    # joint rates
     for k in range(model.links):
         y[k] = v[joint_row(model, k)]
+    # y' = r' + A (omega x lever), and A omega; omega in section axes
     for f in range(model.loads.shape[0] // L.end):
         place, j = _loaded(lane, model, q, v, f), model.links + AXES * f
         A, lever = matrix(place.p), three_of(lane, model.loads, L.end * f + L.lever)
